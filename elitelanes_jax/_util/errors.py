@@ -18,7 +18,8 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        # An array in it has several lines.
+        # An array in the message has several lines, whose later ones begin with spaces or a bracket.
+        # They become one line. Other line breaks stay.
         super().__init__(re.sub(r"\n\s+|\n(?=\[)", " ", message))
 
 
@@ -39,12 +40,16 @@ class NotEnoughMemoryError(MemoryError):
 
 def warn_user(message: str) -> None:
     """Warns at the line of the user's code that called the package."""
-    # The first frame outside of the package is the user's.
-    level, frame = 1, sys._getframe()
-    ours = f"{__package__.split('.')[0]}."
+    prefix_of_ours = f"{__package__.split('.')[0]}."
+    # The first frame outside of the package is the user's. Level 1 is this function's own frame.
+    frame = sys._getframe()
+    level = 1
     # Code that `exec` runs may have no `__name__`.
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(ours):
-        level, frame = level + 1, frame.f_back
+    while frame.f_globals.get("__name__", "").startswith(prefix_of_ours):
+        if frame.f_back is None:
+            break
+        frame = frame.f_back
+        level += 1
     warnings.warn(message, stacklevel=level)
 
 
@@ -55,13 +60,18 @@ def suggest(name: UserValue, known: Iterable[str]) -> str:
     """
     # Dashes that all options begin with would make any two of them alike: --floor and --force.
     names_by_word = {candidate.lstrip("-"): candidate for candidate in known}
+    # The name may be any value. The first letters of a long one are enough.
     word = str(name)[:40].lower().lstrip("-")
     if not word:
         # Every name begins with nothing.
         return ""
-    alike = get_close_matches(word, names_by_word, 1, cutoff=0.7)
-    alike = alike or [other for other in names_by_word if other.startswith(word[:3])]
-    return f"; is it {names_by_word[alike[0]]}?" if alike else ""
+    similar = get_close_matches(word, names_by_word, 1, cutoff=0.7)
+    # A short form, such as cycl for cyclomatic, is not similar, but begins with the same letters.
+    if not similar:
+        similar = [other for other in names_by_word if other.startswith(word[:3])]
+    if not similar:
+        return ""
+    return f"; is it {names_by_word[similar[0]]}?"
 
 
 def pluralize(count: int, noun: str) -> str:
@@ -72,7 +82,9 @@ def pluralize(count: int, noun: str) -> str:
 def list_some(names: Sequence[str], most: int, separator: str = ", ") -> str:
     """Returns the first `most` names as words, with the number of names that are left out."""
     words = separator.join(names[:most])
-    return words if len(names) <= most else f"{words} and {len(names) - most} more"
+    if len(names) <= most:
+        return words
+    return f"{words} and {len(names) - most} more"
 
 
 def reason(error: OSError) -> str:
@@ -82,13 +94,15 @@ def reason(error: OSError) -> str:
 
 def shorten(text: str, limit: int = 80) -> str:
     """Cuts a text to a number of characters, on one line: arrays have several."""
-    text = " ".join(line.strip() for line in text.splitlines()) if "\n" in text else text
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+    if "\n" in text:
+        text = " ".join(line.strip() for line in text.splitlines())
+    if len(text) <= limit:
+        return text
+    return text[: limit - 3] + "..."
 
 
 def brief(value: UserValue, limit: int = 80) -> str:
-    """Returns a value of a file as a message shows it.
-
-    YAML's aliases may unfold to a text longer than the memory.
-    """
+    """Returns a value of a file as a message shows it: the text of `repr`, shortened."""
+    # YAML's aliases may unfold to a text longer than the memory. `reprlib` reads only the first
+    # entries of each list and table.
     return shorten(reprlib.repr(value), limit)

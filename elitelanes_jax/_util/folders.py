@@ -25,7 +25,15 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import copy_mode, read_json, unwritable_error, write_json
 from elitelanes_jax._util.types import Plain
 
-_LOCK, _SETTINGS, _KEPT, _FILES, _REPLACED = "lock", "settings.json", "kept", "files", "replaced"
+# The entries of the hidden folder, see above.
+_LOCK = "lock"
+_SETTINGS = "settings.json"
+_KEPT = "kept"
+_FILES = "files"
+_REPLACED = "replaced"
+
+# The most bytes of a name in common file systems.
+_LONGEST_NAME = 255
 
 
 class Unfinished(NamedTuple):
@@ -39,6 +47,20 @@ class Unfinished(NamedTuple):
 
     files: Path
     kept: Path
+
+
+class Difference(NamedTuple):
+    """The first difference between two tables.
+
+    Attributes:
+      name: the name of the entry, in the innermost table.
+      value: its value in the first table; None if the table has no such entry.
+      other: its value in the second table, in the same way.
+    """
+
+    name: str
+    value: Plain
+    other: Plain
 
 
 @contextmanager
@@ -75,18 +97,21 @@ def output_folder(
         another process.
       OSError: of the block. It names a file as if it were in the output folder already.
     """
+    # Messages have the path as the user wrote it.
+    asked = out
     try:
-        # Messages have the path as the user wrote it. The work is next to the folder that a link
-        # leads to, because a folder can only be renamed within a file system.
-        asked, out = out, Path(os.path.realpath(out))
+        # The work is next to the folder that a link leads to, because a folder can only be renamed
+        # within a file system.
+        out = Path(os.path.realpath(asked))
     except OSError as error:
         # The current folder was deleted.
-        raise unwritable_error(out, error) from None
+        raise unwritable_error(asked, error) from None
     if out.is_symlink():
         raise InputError(f"{asked}: expected a folder, got a link that leads to itself")
     hidden = _hidden(out)
     work = Unfinished(hidden / _FILES, hidden / _KEPT)
-    mine = done = False
+    has_own_files = False
+    is_complete = False
     try:
         check_renamable(asked)
         with locked(hidden, asked):
@@ -96,15 +121,16 @@ def output_folder(
                 _resume(asked, hidden, settings, force, resume_files)
                 # From here on the files are of this run. Until here they may be of a run with other
                 # settings, and stay.
-                mine = True
+                has_own_files = True
                 yield work
+                # Somebody may have written to the output folder in the meantime.
                 _check_replaceable(asked, out, inputs, foreign, force)
                 _move(hidden, out)
-                done = True
+                is_complete = True
             finally:
-                if done or not _has_work(hidden):
+                if is_complete or not _has_work(hidden):
                     _clear(hidden, _LOCK)
-                elif mine and not resume_files:
+                elif has_own_files and not resume_files:
                     # What the next run resumes from is in `kept`, and it writes the files again.
                     _clear(work.files)
     except OSError as error:
@@ -114,8 +140,8 @@ def output_folder(
         file = str(error.filename or asked).replace(str(work.files), str(asked))
         raise OSError(error.errno, error.strerror, file) from None
     finally:
+        # A folder with files stays.
         with suppress(OSError):
-            # A folder with files stays.
             hidden.rmdir()
 
 
@@ -140,10 +166,11 @@ def check_renamable(folder: str | Path) -> None:
 
 def has_unfinished(out: str | Path) -> bool:
     """Returns whether the next run for a folder resumes unfinished work."""
-    with suppress(OSError):
-        # What cannot be read cannot be resumed.
+    try:
         return _has_work(_hidden(Path(os.path.realpath(out))))
-    return False
+    except OSError:
+        # What cannot be read cannot be resumed.
+        return False
 
 
 def settle(out: str | Path) -> None:
@@ -154,8 +181,8 @@ def settle(out: str | Path) -> None:
         # Another process that holds it does the rest.
         with suppress(InputError), locked(hidden, out):
             _settle(hidden, out)
+        # A folder with other work stays.
         with suppress(OSError):
-            # A folder with other work stays.
             hidden.rmdir()
 
 
@@ -171,6 +198,7 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     lock = FileLock(folder / _LOCK)
+    # The folders that are made here, the deepest one first.
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         try:
@@ -184,21 +212,24 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     finally:
         with suppress(OSError, Timeout):
             if folder.is_dir():
-                # An interruption may have come between the file and its lock.
+                # An interruption may have come after the lock's file was made and before it was
+                # locked. The file is removed then too. If another process holds the lock, this
+                # raises Timeout, and the file stays.
                 lock.acquire(blocking=False)
                 try:
                     # Windows deletes no open file; there the release deletes it.
                     with suppress(OSError):
                         (folder / _LOCK).unlink()
                 finally:
-                    # An interruption of this process, which may go on, leaves no lock.
+                    # Each call of `acquire` counts. `force` releases the lock at once, because a
+                    # process that was interrupted may continue.
                     lock.release(force=True)
             else:
+                # The block has removed the folder with the lock's file.
                 lock.release(force=True)
-        # The deepest folder goes first.
+        # A folder with files stays.
         for path in missing:
             with suppress(OSError):
-                # A folder with files stays.
                 path.rmdir()
 
 
@@ -217,22 +248,19 @@ def compare_settings(
         raise InputError(
             f"{folder}: expected settings of an earlier run in {file}, got none; {hint}"
         )
+    # The earlier file may have further settings, which are not compared.
     earlier = {name: earlier.get(name) for name in settings}
-    # As JSON has them: a tuple becomes a list.
+    # The settings become as JSON has them: a tuple becomes a list.
     difference = first_difference(json.loads(json.dumps(settings)), earlier)
     if difference is None:
         return
-    name, *values = difference
-    expected, got = (shorten(repr(value)) for value in values)
-    raise InputError(
-        f"{folder}: expected results with {name} {expected}, got results with {got}; {hint}"
-    )
+    expected = f"{difference.name} {shorten(repr(difference.value))}"
+    got = shorten(repr(difference.other))
+    raise InputError(f"{folder}: expected results with {expected}, got results with {got}; {hint}")
 
 
-def first_difference(
-    table: Mapping[str, Plain], other: Mapping[str, Plain]
-) -> tuple[str, Plain, Plain] | None:
-    """Returns the name and both values of the first difference between tables.
+def first_difference(table: Mapping[str, Plain], other: Mapping[str, Plain]) -> Difference | None:
+    """Returns the first difference between tables; None if they are equal.
 
     Tables within the tables are compared in the same way.
     """
@@ -243,7 +271,7 @@ def first_difference(
             if within is not None:
                 return within
         elif value != other_value:
-            return name, value, other_value
+            return Difference(name, value, other_value)
     return None
 
 
@@ -253,15 +281,13 @@ def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
     Symbolic links are followed.
     """
     for path in inputs:
-        if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
-            if not Path(folder).is_dir():
-                raise InputError(
-                    f"{folder}: expected a file to replace that is no input, got {path}"
-                )
-            raise InputError(
-                f"{folder}: expected a folder to replace that contains no input, "
-                f"got one with {path}"
-            )
+        if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            continue
+        if not Path(folder).is_dir():
+            raise InputError(f"{folder}: expected a file to replace that is no input, got {path}")
+        raise InputError(
+            f"{folder}: expected a folder to replace that contains no input, got one with {path}"
+        )
 
 
 def foreign_file(folder: Path, is_ours: Callable[[str], Plain]) -> str | None:
@@ -270,7 +296,9 @@ def foreign_file(folder: Path, is_ours: Callable[[str], Plain]) -> str | None:
     `is_ours` takes its relative path, with slashes. A symbolic link is never ours.
     """
     for parent, names, files in os.walk(folder):
+        # `os.walk` visits the folders in the order of this list.
         names.sort()
+        # A link to a folder is among the folders, but is not walked into.
         links = [name for name in names if Path(parent, name).is_symlink()]
         for name in sorted([*files, *links]):
             path = Path(parent, name)
@@ -289,11 +317,12 @@ def remove(path: Path) -> None:
 
 
 def _hidden(out: Path) -> Path:
-    name, whole = out.name, os.fsencode(out.name)
-    if len(whole) > 255 - len(".-unfinished"):
-        # A name has at most 255 bytes.
-        name = f"{name[:50]}-{sha256(whole).hexdigest()[:16]}"
-    # The root has no name.
+    """Returns the hidden folder of the unfinished work for an output folder."""
+    name = out.name
+    encoded = os.fsencode(name)
+    if len(encoded) > _LONGEST_NAME - len(".-unfinished"):
+        name = f"{name[:50]}-{sha256(encoded).hexdigest()[:16]}"
+    # The root has no name, so `with_name` would raise an error for it.
     return out.parent / f".{name}-unfinished"
 
 
@@ -304,18 +333,22 @@ def _check_replaceable(
     foreign: Callable[[Path], str | None] | None,
     force: bool,
 ) -> None:
+    """Checks that an output folder is new or empty, or may be replaced; see `output_folder`."""
     if out.exists() and not out.is_dir():
         raise InputError(f"{asked}: expected a folder that is new or empty, got a file")
     if not out.exists() or not any(out.iterdir()):
         return
-    foreign_name = foreign and foreign(out)
+    # Without `foreign` no folder is replaced.
+    foreign_name = None if foreign is None else foreign(out)
     if force and foreign_name:
         raise InputError(
             f"{asked}: expected a folder with files of an earlier run alone, "
             f"got one with {foreign_name}"
         )
     if not force or foreign is None:
-        hint = "; force=True replaces it" if foreign and not foreign_name else ""
+        hint = ""
+        if foreign is not None and not foreign_name:
+            hint = "; force=True replaces it"
         raise InputError(
             f"{asked}: expected a folder that is new or empty, got one with files in it{hint}"
         )
@@ -323,18 +356,24 @@ def _check_replaceable(
 
 
 def _has_work(hidden: Path) -> bool:
+    """Returns whether a hidden folder has files in `kept`, from which a run can resume."""
     if not (hidden / _FILES).is_dir():
         return False
+    # A folder within `kept` may have a lock of its own, which is no work.
     return any(path.is_file() and path.name != _LOCK for path in (hidden / _KEPT).rglob("*"))
 
 
 def _resume(
     asked: str | Path, hidden: Path, settings: Mapping[str, Plain], force: bool, resume_files: bool
 ) -> None:
-    # Work with other settings is of no use to this run. With `force`, it is deleted.
+    """Prepares the hidden folder: keeps the work of an earlier run with equal settings.
+
+    Work with other settings is of no use to this run. With `force`, it is deleted. Otherwise the
+    `InputError` of `compare_settings` is raised.
+    """
     files, kept = hidden / _FILES, hidden / _KEPT
-    same = _has_work(hidden)
-    if same:
+    resumes = _has_work(hidden)
+    if resumes:
         try:
             compare_settings(
                 asked,
@@ -345,8 +384,8 @@ def _resume(
         except InputError:
             if not force:
                 raise
-            same = False
-    if not same:
+            resumes = False
+    if not resumes:
         _clear(hidden, _LOCK)
     # The settings are written before any work, so that work always has its settings.
     write_json(hidden / _SETTINGS, settings)
@@ -354,8 +393,8 @@ def _resume(
         folder.mkdir(exist_ok=True)
     if not resume_files:
         _clear(files)
+    # A kill leaves the part of a file that was written.
     for part in files.rglob(".*.part*"):
-        # A kill left this part of a file.
         part.unlink()
 
 
@@ -377,6 +416,7 @@ def _move(hidden: Path, out: Path) -> None:
 
 
 def _reveal(hidden: Path, out: Path) -> None:
+    """Renames the files, with the permissions of the replaced folder."""
     copy_mode(hidden / _REPLACED, hidden / _FILES)
     (hidden / _FILES).rename(out)
 
@@ -389,10 +429,12 @@ def _settle(hidden: Path, out: Path) -> None:
             _reveal(hidden, out)
         _clear(hidden, _LOCK)
     elif not (hidden / _FILES).exists():
+        # The kill came before the work, or after the files got their name.
         _clear(hidden, _LOCK)
 
 
 def _clear(folder: Path, but: str = "") -> None:
+    """Removes everything in a folder, except for the entry `but`."""
     for entry in folder.iterdir():
         if entry.name != but:
             remove(entry)

@@ -24,9 +24,14 @@ def traced(default: UserValue, check: Check) -> UserValue:
 
     One program serves all values. Arrays are not checked.
     """
-    return option(
-        default, lambda value: value if isinstance(value, jax.Array | np.ndarray) else check(value)
-    )
+
+    def check_number(value: UserValue) -> UserValue:
+        # Within a transformation the value may be a tracer, whose number is not known yet.
+        if isinstance(value, jax.Array | np.ndarray):
+            return value
+        return check(value)
+
+    return option(default, check_number)
 
 
 def pytree(kind: type[R]) -> type[R]:
@@ -40,21 +45,23 @@ def pytree(kind: type[R]) -> type[R]:
     children = [name for name in kind.options() if name not in structure]
 
     def flatten(record: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
-        return [getattr(record, name) for name in children], tuple(
-            getattr(record, name) for name in structure
-        )
+        values = [getattr(record, name) for name in children]
+        values_of_structure = tuple(getattr(record, name) for name in structure)
+        return values, values_of_structure
 
     def flatten_with_keys(record: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
         values, values_of_structure = flatten(record)
+        # The keys name the fields in paths, such as those of error messages.
         keys = map(jax.tree_util.GetAttrKey, children)
         return list(zip(keys, values, strict=True)), values_of_structure
 
     # The record is made without its constructor, see above.
     def unflatten(values_of_structure: tuple[UserValue, ...], values: Iterable[UserValue]) -> R:
         record = object.__new__(kind)
-        vars(record).update(
-            zip((*structure, *children), (*values_of_structure, *values), strict=True)
-        )
+        # The record is frozen, so its fields are set in its dictionary.
+        fields_of_record = vars(record)
+        fields_of_record.update(zip(structure, values_of_structure, strict=True))
+        fields_of_record.update(zip(children, values, strict=True))
         return record
 
     jax.tree_util.register_pytree_with_keys(kind, flatten_with_keys, unflatten, flatten)

@@ -60,8 +60,10 @@ def _edit(options: argparse.Namespace) -> int:
     # Photographs are read before the server starts, so that a bad file is an error in the terminal.
     photographs = [read_photograph(file) for file in options.photos]
     work = HandWork(options.folder, photographs, tuple(options.size))
+    # Port 0 means any free port.
+    port = options.port or 0
     try:
-        server = HandServer(work, options.port or 0)
+        server = HandServer(work, port)
     except OSError as error:
         # Another program may listen on the port.
         raise InputError(
@@ -75,6 +77,7 @@ def _edit(options: argparse.Namespace) -> int:
         work.stop_saving()
         result = f"{options.folder} is as it was saved last" if work.saved else "nothing was saved"
         return fail("elitelanes", f"interrupted; {result}", INTERRUPTED)
+    # The user has finished on the page.
     if work.saved:
         say(f"saved in {options.folder}; now: elitelanes tiles check {options.folder}")
     else:
@@ -84,6 +87,7 @@ def _edit(options: argparse.Namespace) -> int:
 
 def _serve(server: "HandServer", options: argparse.Namespace) -> None:
     """Serves the page until it is finished with."""
+    # Without the address nobody can open the page, so a failure to print it is an error.
     say(f"correct {options.folder} at {server.url}\nCtrl-C ends this", asked=True)
     if options.open:
         import webbrowser

@@ -37,11 +37,13 @@ def _act(options: argparse.Namespace) -> int:
 
     If an interrupted or failed command can be resumed, the message says so.
     """
+    # Not every command has these options.
     replaces = getattr(options, "force", False) or getattr(options, "force_archive", False)
     if replaces and options.out is not None:
         # Specifications check the inputs that they read. This check is for the files that a command
-        # reads itself, such as a map, and comes before any work.
-        values = {name: value for name, value in vars(options).items() if name != "out"}
+        # reads itself, such as a map, and comes before any work. The output folder is no input.
+        values = dict(vars(options))
+        del values["out"]
         check_apart(options.out, inputs_among(values))
     try:
         return int(options.action(options))
@@ -53,9 +55,8 @@ def _act(options: argparse.Namespace) -> int:
         # The message says that the work can be resumed, so that nobody starts it anew.
         if isinstance(error, KeyboardInterrupt):
             return fail("elitelanes", f"interrupted; {_RESUMES}", INTERRUPTED)
-        return fail(
-            "elitelanes", f"{error.filename or out}: {error.strerror or error}; {_RESUMES}", 2
-        )
+        file = error.filename or out
+        return fail("elitelanes", f"{file}: {error.strerror or error}; {_RESUMES}", 2)
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -93,7 +93,7 @@ class _Handler(BaseHTTPRequestHandler):
     server: HandServer
 
     def do_GET(self) -> None:
-        path = self._path()
+        path = self._allowed_path()
         if path is None:
             return
         # The path of a photograph or a picture has its number or its name after the slash.
@@ -117,7 +117,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_json(404, {"error": "no such page"})
 
     def do_POST(self) -> None:
-        path = self._path()
+        path = self._allowed_path()
         if path is None:
             return
         action = self.server.actions.get(path)
@@ -127,14 +127,11 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_json(404, {"error": "no such action"})
             return
         # The length is checked before anything is read.
-        length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or int(length) > _MOST_BYTES:
-            self._send_json(
-                413, {"error": f"expected a request of at most {_MOST_BYTES // MIB} MiB"}
-            )
+        length = self._allowed_length()
+        if length is None:
             return
         try:
-            values = json.loads(self.rfile.read(int(length)))
+            values = json.loads(self.rfile.read(length))
             # Each request has a thread of its own.
             with self.server.lock:
                 answer = action(values)
@@ -149,47 +146,65 @@ class _Handler(BaseHTTPRequestHandler):
             # The page shows these errors next to the work that they are about.
             self._send_json(422, {"error": str(error)})
         except OSError as error:
-            self._send_json(
-                422,
-                {"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)},
-            )
+            # The set cannot be written, for example because the disk is full.
+            message = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            self._send_json(422, {"error": message})
         except (LookupError, TypeError, ValueError, RecursionError) as error:
             # Only a program that is not the page sends values of another form.
-            self._send_json(
-                400, {"error": f"expected a request of this page, got {shorten(repr(error))}"}
-            )
+            message = f"expected a request of this page, got {shorten(repr(error))}"
+            self._send_json(400, {"error": message})
 
     def log_message(self, *_: Untyped) -> None:
         """Prints nothing: the terminal shows what was saved."""
 
-    def _path(self) -> str | None:
-        """Returns the path without the token; answers None to whom may not ask."""
+    def _allowed_path(self) -> str | None:
+        """Returns the path after the token, without slashes at its end.
+
+        If the request is not of this server's page, the answer is an error, and the result None.
+        """
+        host = self.headers.get("Host", "")
+        origin = self.headers.get("Origin")
         # Requests without `Origin`, such as for a picture of the page itself, have only `Host` to
         # check.
-        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
-        is_ours = host in self.server.hosts and origin in (None, f"http://{host}")
-        _, token, path = ("/" + self.path.partition("?")[0].lstrip("/") + "/").split("/", 2)
+        is_from_page = host in self.server.hosts and origin in (None, f"http://{host}")
+        # The path of a request is /TOKEN/PATH, and may have a query.
+        path_with_token = self.path.partition("?")[0].lstrip("/")
+        token, _, path = path_with_token.partition("/")
         # The time of this comparison does not tell how much of a guessed token is right.
-        if is_ours and secrets.compare_digest(token.encode(), self.server.token.encode()):
+        if is_from_page and secrets.compare_digest(token.encode(), self.server.token.encode()):
             return path.rstrip("/")
         self._send_json(403, {"error": "open the address that the command has printed"})
+        return None
+
+    def _allowed_length(self) -> int | None:
+        """Returns the number of bytes of the request.
+
+        If it is missing or too large, the answer is an error, and the result None.
+        """
+        length = self.headers.get("Content-Length", "")
+        if length.isdecimal() and int(length) <= _MOST_BYTES:
+            return int(length)
+        message = f"expected a request of at most {_MOST_BYTES // MIB} MiB"
+        self._send_json(413, {"error": message})
         return None
 
     def _send_json(self, status: int, values: Plain) -> None:
         self._send(status, "application/json", json.dumps(values, allow_nan=False).encode())
 
     def _send(self, status: int, kind: str, content: bytes) -> None:
-        self.send_response(status)
-        # The headers forbid other sources, frames of other pages, guesses of content types, and
-        # caches.
-        for name, value in {
+        # The page takes nothing from other sources and is in no frame of another page. The browser
+        # does not guess types of content, tells no other site the address, whose token is secret,
+        # and keeps no answer.
+        headers = {
             "Content-Type": kind,
             "Content-Length": str(len(content)),
             "Content-Security-Policy": _POLICY,
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",
             "Cache-Control": "no-store",
-        }.items():
+        }
+        self.send_response(status)
+        for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(content)

@@ -4,7 +4,6 @@ A pack has the maps' files by niche, splits with held-out niches, and trips to d
 """
 
 import json
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from hashlib import sha256
@@ -28,11 +27,12 @@ from elitelanes_jax.formats.sumo import to_sumo_trips
 from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
 from elitelanes_jax.lanes.curves import LANE_OFFSET, lane_lengths
 from elitelanes_jax.lanes.movements import LaneGraph, LaneNode, lane_graph
+from elitelanes_jax.maps._splits import split_niches
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes, lane_offset_of, without_ends
 from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
-from elitelanes_jax.network.likeness import ALIKE, group_alike, road_forms
+from elitelanes_jax.network.likeness import ALIKE, road_forms
 from elitelanes_jax.network.plain_metrics import cut_to_roads
 
 RECORD = "pack.json"
@@ -40,6 +40,9 @@ RECORD = "pack.json"
 
 # The suffix of the files of SUMO's trips.
 _ROUTES = ".rou.xml"
+
+# The lengths that `_trips` keeps, 8 bytes each: 128 MiB.
+_CACHED_LENGTHS = 2**24
 
 # The features in the table of a pack's README, if the maps have them.
 _SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "lanes", "trip")
@@ -89,19 +92,22 @@ def pack(
     """
     spec, out = check_named("spec", instance(PackSpec), spec), Path(check_named("out", path, out))
     settings = spec.formats.loaded()
-    # A bad setting or a missing package raises its error here, before the first map is written.
+    # Each format converts a small map that it can hold. A bad setting or a missing package raises
+    # its error here, before the first map is written.
     for to in spec.to:
         FORMATS[to].files(LOOP, "map", **_settings_of(to, settings))
     tiles = settings.get("tiles")
     maps = parse_given(sources)
     towns = _split(spec, maps.maps)
-    about: dict[str, Plain] = {
+    record: dict[str, Plain] = {
         "settings": spec.to_plain(),
         "maps": {"number": len(towns), "digest": maps.digest},
         "versions": installed_versions(),
     }
-    # A run is resumed only if all of this is equal.
-    identity = {"command": "pack", **about, "tile_set": None if tiles is None else tiles.to_plain()}
+    # A run is resumed only if its identity is equal. The settings have the tile set's folder alone,
+    # whose pictures may change between the runs, so the identity also has their digest.
+    tile_set = None if tiles is None else tiles.to_plain()
+    identity = {"command": "pack", **record, "tile_set": tile_set}
     inputs: list[str | Path] = [*maps.paths, *spec.inputs]
     with output_folder(
         out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True
@@ -109,27 +115,29 @@ def pack(
         # A file in `kept` makes the next run resume with the files of this one.
         list_of_ids = work.kept / "maps.json"
         write_json(list_of_ids, [town.id for town in towns])
-        rows, written = [], []
+        rows: list[dict[str, Plain]] = []
+        written: list[RoadMap] = []
         with Progress("packing", len(towns), "maps") as bar:
             for town, map_name in zip(towns, maps.names, strict=True):
                 try:
-                    written.append(without_ends(town.road_map, spec.formats.dead_ends))
-                    rows.append(_write(spec, town, written[-1], work.files, settings))
+                    road_map = without_ends(town.road_map, spec.formats.dead_ends)
+                    rows.append(_write(spec, town, road_map, work.files, settings))
                 except InputError as error:
                     # The same map would fail again, so there is nothing to resume.
                     list_of_ids.unlink()
                     raise InputError(f"niche {town.niche}, {map_name}: {error}") from None
+                written.append(road_map)
                 bar.count()
-        about["splits"] = _write_splits(spec, towns, work.files)
+        record["splits"] = _write_splits(spec, towns, work.files)
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
-        write_json(work.files / RECORD, about)
-        card = _card(spec, about, rows, lane_offset_of(tiles))
+        write_json(work.files / RECORD, record)
+        card = _card(spec, record, rows, lane_offset_of(tiles))
         write_atomic(work.files / "README.md", card.encode())
         write_sums(work.files)
     maps.announce_left_out()
     _announce_limits(spec, written)
     _warn_of_removed_roads(towns, written, maps.names)
-    return about
+    return record
 
 
 def _announce_limits(spec: PackSpec, written: Sequence[RoadMap]) -> None:
@@ -138,13 +146,13 @@ def _announce_limits(spec: PackSpec, written: Sequence[RoadMap]) -> None:
     The message describes the part that the first of these maps has.
     """
     for to in spec.to:
-        limits = []
+        # The first part of each map that has one. A map counts once.
+        limits: list[str] = []
         for road_map in written:
             limits += FORMATS[to].limits(road_map)[:1]
         if limits:
-            announce_at_end(
-                to, f"{len(limits)} of {pluralize(len(written), 'map')}, the first: {limits[0]}"
-            )
+            share = f"{len(limits)} of {pluralize(len(written), 'map')}"
+            announce_at_end(to, f"{share}, the first: {limits[0]}")
 
 
 def _warn_of_removed_roads(
@@ -162,52 +170,16 @@ def _settings_of(to: str, settings: Mapping[str, UserValue]) -> dict[str, UserVa
 
 
 def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
-    """Assigns whole niches to splits, in a random order.
-
-    Each niche goes to the split that lacks most maps. No split stays empty. Niches with maps that
-    are alike, see `group_alike`, are in one split.
-    """
+    """Assigns whole niches to splits, see `split_niches`."""
     niches = [_name_niche(road_map) for road_map in maps]
     # Around the roads, people leave any number of empty rows and columns. With these, all small
     # maps in a large grid would be alike.
     codes = [cut_to_roads(road_map.codes) for road_map in maps]
-    # Maps of one niche, and maps that are alike, are in one group. A group is never divided.
-    groups = group_alike(codes, np.unique(niches, return_inverse=True)[1]).tolist()
-    counts = Counter(groups)
-    # The number of maps that each split still lacks. A split with a share of 0 gets none.
-    lacking = {}
-    for split, share in zip(SPLITS, spec.split, strict=True):
-        if share:
-            lacking[split] = share * len(maps)
-    if len(counts) < len(lacking):
-        distinct_niches = len(set(niches))
-        got = f"{distinct_niches} in all"
-        if distinct_niches > len(counts):
-            got += (
-                f", in {pluralize(len(counts), 'group')} with maps that differ in "
-                f"less than {100 * ALIKE:g} %"
-            )
-        hint = "; a split of 1 0 0 trains on all"
-        raise InputError(
-            f"split: expected a niche for each of {len(lacking)} splits, got {got}{hint}"
-        )
-    groups_of: dict[str, list[int]] = {split: [] for split in lacking}
-    for group in _shuffle_groups(spec.seed, groups, niches):
-        neediest = max(lacking, key=lacking.__getitem__)
-        groups_of[neediest].append(group)
-        lacking[neediest] -= counts[group]
-    # A large group may fill a split beyond its share, and leave others without a group.
-    for in_split in groups_of.values():
-        if not in_split:
-            fullest = max(groups_of.values(), key=len)
-            in_split.append(fullest.pop())
-    split_of: dict[int, str] = {}
-    for split, in_split in groups_of.items():
-        split_of |= dict.fromkeys(in_split, split)
+    splits = split_niches(codes, niches, spec.split, spec.seed)
     towns = []
-    for form, niche, group, road_map in zip(road_forms(codes), niches, groups, maps, strict=True):
+    for form, niche, split, road_map in zip(road_forms(codes), niches, splits, maps, strict=True):
         town_id = sha256(form).hexdigest()[:12]
-        towns.append(_Town(town_id, niche, split_of[group], road_map))
+        towns.append(_Town(town_id, niche, split, road_map))
     return towns
 
 
@@ -215,17 +187,6 @@ def _name_niche(road_map: RoadMap) -> str:
     """Returns the size of a map and its bins, such as 6x6-03-12."""
     size = "x".join(map(str, road_map.codes.shape))
     return size + "".join(f"-{part:02d}" for part in road_map.niche or ())
-
-
-def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> list[int]:
-    """Returns each group once, in an order that depends on the seed and on the niches alone."""
-    draws: dict[int, bytes] = {}
-    for group, niche in zip(groups, niches, strict=True):
-        # A digest for each niche is used, because random numbers would depend on the order of the
-        # maps. The least digest of its niches is that of a group.
-        draw = sha256(f"{seed} {niche}".encode()).digest()
-        draws[group] = min(draw, draws.get(group, draw))
-    return sorted(draws, key=draws.__getitem__)
 
 
 def _write(
@@ -238,24 +199,41 @@ def _write(
     """
     graph = lane_graph(town.road_map.codes)
     # A trip must not lead to a road that the formats lack.
-    driven = graph if written is town.road_map else lane_graph(written.codes)
-    trips = _trips(spec, town, driven, lane_offset_of(settings.get("tiles")))
-    for to in spec.to:
-        place = folder / to / town.niche
-        files = [place / file for file in FORMATS[to].paths(town.id)]
-        # A resumed run finds these files complete, because each is written in one step.
-        if not all(file.exists() for file in files):
-            made = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
-            for file, content in zip(files, made, strict=True):
-                write_atomic(file, as_bytes(content))
-    write_atomic(
-        folder / "maps" / town.niche / f"{town.id}.json", map_to_json(town.road_map).encode()
-    )
-    write_atomic(folder / "trips" / town.niche / f"{town.id}.csv", table_to_csv(trips).encode())
+    graph_of_trips = graph
+    if written is not town.road_map:
+        graph_of_trips = lane_graph(written.codes)
+    trips = _trips(spec, town, graph_of_trips, lane_offset_of(settings.get("tiles")))
+    _write_formats(spec, town, folder, settings)
+    map_file = folder / "maps" / town.niche / f"{town.id}.json"
+    write_atomic(map_file, map_to_json(town.road_map).encode())
+    trips_file = folder / "trips" / town.niche / f"{town.id}.csv"
+    write_atomic(trips_file, table_to_csv(trips).encode())
     if "sumo" in spec.to:
         ends = [(_node(trip, "start"), _node(trip, "goal")) for trip in trips]
+        # Formats of networks have dead ends, so SUMO's network is that of the whole map.
         routes = to_sumo_trips(town.road_map.codes, ends)
         write_atomic(folder / "sumo" / town.niche / f"{town.id}{_ROUTES}", routes.encode())
+    return _row(town, len(graph.edges), trips)
+
+
+def _write_formats(
+    spec: PackSpec, town: _Town, folder: Path, settings: Mapping[str, UserValue]
+) -> None:
+    """Writes the files of a map in all formats."""
+    for to in spec.to:
+        niche_folder = folder / to / town.niche
+        files = [niche_folder / file for file in FORMATS[to].paths(town.id)]
+        # A resumed run finds these files complete, because each is written in one step.
+        if all(file.exists() for file in files):
+            continue
+        # A format whose settings remove dead ends does so itself.
+        contents = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
+        for file, content in zip(files, contents, strict=True):
+            write_atomic(file, as_bytes(content))
+
+
+def _row(town: _Town, lanes: int, trips: Sequence[Mapping[str, Plain]]) -> dict[str, Plain]:
+    """Returns the row of a map in the table of maps."""
     height, width = town.road_map.codes.shape
     mean_trip = float(np.mean([trip["length"] for trip in trips]))
     columns: dict[str, Plain] = {
@@ -264,7 +242,7 @@ def _write(
         "split": town.split,
         "height": height,
         "width": width,
-        "lanes": len(graph.edges),
+        "lanes": lanes,
         "trip": round(mean_trip, 3),
     }
     # A user's feature may have the name of a column. The second merge keeps the value of the
@@ -279,13 +257,13 @@ def _write_splits(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> dict[
     """
     numbers: dict[str, Plain] = {}
     for split in SPLITS:
-        in_split = [town for town in towns if town.split == split]
-        if in_split:
-            niches = {town.niche for town in in_split}
-            numbers[split] = {"maps": len(in_split), "niches": len(niches)}
-            _write_indices(spec, split, in_split, folder)
+        split_towns = [town for town in towns if town.split == split]
+        if split_towns:
+            niches = {town.niche for town in split_towns}
+            numbers[split] = {"maps": len(split_towns), "niches": len(niches)}
+            _write_indices(spec, split, split_towns, folder)
         # Each split has its list, also if it is empty.
-        ids = "".join(f"{town.id}\n" for town in in_split)
+        ids = "".join(f"{town.id}\n" for town in split_towns)
         write_atomic(folder / "splits" / f"{split}.txt", ids.encode())
     return numbers
 
@@ -299,9 +277,9 @@ def _write_indices(spec: PackSpec, split: str, towns: Sequence[_Town], folder: P
         files: list[Path] = []
         for town in towns:
             files += [folder / to / town.niche / file for file in FORMATS[to].paths(town.id)]
-        place = folder / to / split
-        for name, content in index(place, files).items():
-            write_atomic(place / name, content)
+        index_folder = folder / to / split
+        for name, content in index(index_folder, files).items():
+            write_atomic(index_folder / name, content)
 
 
 def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
@@ -325,9 +303,9 @@ def _trips(
     lengths_of_lanes = lane_lengths(lane_offset)[graph.movements.turn]
     ways = csr_array((lengths_of_lanes, graph.edges.T), shape=(count, count))
 
-    # The cached lengths take 128 MiB, or one table if that is larger. The goals take at most as
-    # much.
-    @lru_cache(1 + 2**24 // count)
+    # A table has a length for each node. At least one table is kept, even if it is larger than
+    # the cache. The goals take at most as much memory as the lengths.
+    @lru_cache(1 + _CACHED_LENGTHS // count)
     def lengths_from(start: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         lengths = dijkstra(ways, indices=start)
         return lengths, np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
@@ -337,22 +315,24 @@ def _trips(
     for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips).tolist():
         lengths, goals = lengths_from(start)
         goal = rng.choice(goals)
-        places: dict[str, int] = {}
+        # The columns of a trip are start_row, start_column and so on; `_node` reads them.
+        trip: dict[str, Plain] = {}
         for end, index in (("start", start), ("goal", goal)):
             for field, value in graph.node(index)._asdict().items():
-                places[f"{end}_{field}"] = value
-        trips.append(places | {"length": round(float(lengths[goal]), 6)})
+                trip[f"{end}_{field}"] = value
+        trip["length"] = round(float(lengths[goal]), 6)
+        trips.append(trip)
     return trips
 
 
 def _card(
     spec: PackSpec,
-    about: Mapping[str, Plain],
+    record: Mapping[str, Plain],
     rows: Sequence[Mapping[str, Plain]],
     lane_offset: float,
 ) -> str:
     """Writes the README of a pack."""
-    version = about["versions"]["elitelanes_jax"]
+    version = record["versions"]["elitelanes_jax"]
     lines = [
         "# A pack of road maps",
         "",
@@ -360,7 +340,7 @@ def _card(
         f"Made by Elite Lanes JAX {version}.",
         "",
     ]
-    lines += _table_of_splits(about["splits"], rows)
+    lines += _table_of_splits(record["splits"], rows)
     lines += [
         "",
         "The numbers are the least, the median and the largest of the split. "
@@ -382,7 +362,7 @@ def _card(
         for file in FORMATS[to].paths("ID"):
             lines.append(f"| `{to}/NICHE/{file}` | for `{to}` |")
         if FORMATS[to].catalogue is not None:
-            for split in about["splits"]:
+            for split in record["splits"]:
                 lines.append(f"| `{to}/{split}` | the index of a split, for `{to}` |")
     if "sumo" in spec.to:
         lines.append(f"| `sumo/NICHE/ID{_ROUTES}` | the trips for `sumo` |")
@@ -395,7 +375,7 @@ def _card(
         "Its length is measured along the lanes' centres, "
         f"{lane_offset:g} tile right of the middle of the road. Nobody turns back.",
         "",
-        f"Settings: `{json.dumps(about['settings'])}`",
+        f"Settings: `{json.dumps(record['settings'])}`",
         "",
     ]
     return "\n".join(lines)
@@ -406,23 +386,26 @@ def _table_of_splits(splits: Mapping[str, Plain], rows: Sequence[Mapping[str, Pl
 
     The rows are its maps, its niches, and what was measured.
     """
-    parts = {name: [row for row in rows if row["split"] == name] for name in splits}
+    rows_of: dict[str, list[Mapping[str, Plain]]] = {split: [] for split in splits}
+    for row in rows:
+        rows_of[row["split"]].append(row)
     lines = [
-        _table_row("", parts),
-        "|---|" + "---|" * len(parts),
-        _table_row("maps", [len(part) for part in parts.values()]),
-        _table_row("niches", [splits[name]["niches"] for name in parts]),
+        _table_row("", splits),
+        "|---|" + "---|" * len(splits),
+        _table_row("maps", [len(split_rows) for split_rows in rows_of.values()]),
+        _table_row("niches", [numbers["niches"] for numbers in splits.values()]),
     ]
     for feature in _SHOWN:
         if feature in rows[0]:
             spreads = []
-            for part in parts.values():
-                spreads.append(_spread([row[feature] for row in part]))
+            for split_rows in rows_of.values():
+                spreads.append(_spread([row[feature] for row in split_rows]))
             lines.append(_table_row(feature, spreads))
     return lines
 
 
 def _table_row(head: str, cells: Iterable[str | int]) -> str:
+    """Returns a row of a table in Markdown. A head of "" leaves its cell empty."""
     texts = [f"{head} " if head else ""]
     for cell in cells:
         texts.append(f"{cell} ")
@@ -430,6 +413,7 @@ def _table_row(head: str, cells: Iterable[str | int]) -> str:
 
 
 def _spread(values: Sequence[float]) -> str:
+    """Returns the least value, the median and the largest value, as text."""
     low, middle, high = np.quantile(values, [0, 0.5, 1])
     return f"{low:g} .. {middle:g} .. {high:g}"
 

@@ -27,17 +27,21 @@ def parse_numbers(
     Raises `InputError` for anything else, a name that is not `known`, a number less than `least`,
     or a name that comes twice.
     """
-    names, check = list(known), whole(least)
+    names = list(known)
     expected = f"{option}: expected NAME=N with one of {', '.join(names)}"
     if isinstance(numbers, str):
         numbers = split_settings(numbers)
+    if isinstance(numbers, Mapping):
+        numbers = numbers.items()
     if not isinstance(numbers, Iterable):
         raise InputError(f"{expected}, got {shorten(repr(numbers))}")
+    check = whole(least)
     checked: list[tuple[str, int]] = []
-    for pair in numbers.items() if isinstance(numbers, Mapping) else numbers:
+    for pair in numbers:
         try:
-            name, number = pair.partition("=")[::2] if isinstance(pair, str) else pair
+            name, number = _split_pair(pair)
         except (TypeError, ValueError):
+            # The value cannot be unpacked, or has not two parts.
             raise InputError(f"{expected}, got {shorten(repr(pair))}") from None
         if isinstance(name, str):
             name = name.strip()
@@ -48,6 +52,18 @@ def parse_numbers(
     return tuple(checked)
 
 
+def _split_pair(pair: UserValue) -> tuple[UserValue, UserValue]:
+    """Splits a pair, or a text such as ``bridges=300``, into a name and a number.
+
+    Neither part is checked. Of a text without ``=``, the number is "".
+    """
+    if isinstance(pair, str):
+        name, _, number = pair.partition("=")
+    else:
+        name, number = pair
+    return name, number
+
+
 def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
     """Reads the number of tiles of each kind, as `parse_numbers` does.
 
@@ -56,6 +72,7 @@ def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
     """
     if isinstance(inventory, str | Path):
         inventory = split_settings(str(inventory))
+    # A path has no settings to split, so it is one part. The command line also gives a list.
     is_single = isinstance(inventory, list | tuple) and len(inventory) == 1
     if is_single and str(inventory[0]).endswith(".toml"):
         inventory = read_toml(inventory[0], f"inventory: {inventory[0]}")
@@ -74,10 +91,11 @@ def within_inventory(
     """
     ranges = {item.name: item for item in where}
     for kind, count in inventory:
-        name, most = COUNTED[kind], Fraction(count)
-        asked = ranges.get(name, Range(name, None, None))
+        feature = COUNTED[kind]
+        high = Fraction(count)
+        earlier = ranges.get(feature, Range(feature, None, None))
         # The user may ask for fewer tiles than there are.
-        if asked.high is not None:
-            most = min(asked.high, most)
-        ranges[name] = Range(name, asked.low, most)
+        if earlier.high is not None:
+            high = min(earlier.high, high)
+        ranges[feature] = Range(feature, earlier.low, high)
     return tuple(ranges.values())

@@ -6,6 +6,7 @@ The devices are the cores of the processor, GPUs, or cores of a TPU.
 from collections.abc import Sequence
 from itertools import cycle, islice
 from operator import itemgetter
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +23,18 @@ from elitelanes_jax._util.types import Pytree
 _MOST_ROWS = 32
 
 
+class PartRows(NamedTuple):
+    """How rows are cut into parts.
+
+    Attributes:
+      rows: the number of rows in each part.
+      parts: the number of parts.
+    """
+
+    rows: int
+    parts: int
+
+
 def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[jax.Device]:
     """Returns the devices for the parts of some work; a device may be repeated.
 
@@ -34,17 +47,23 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
     """
     local = jax.local_devices()
     if devices is None:
-        devices = len(local)
+        count = len(local)
         if local[0].platform == "cpu":
-            devices = max(devices, count_cores())
+            count = max(count, count_cores())
+        return _take_in_turn(local, count)
     if isinstance(devices, Sequence):
         if devices and all(isinstance(device, jax.Device) for device in devices):
             return list(devices)
     elif is_whole(devices) and devices > 0:
-        return list(islice(cycle(local), devices))
+        return _take_in_turn(local, devices)
     raise InputError(
         f"devices: expected JAX's devices, or their number, at least 1, got {devices!r}"
     )
+
+
+def _take_in_turn(devices: Sequence[jax.Device], count: int) -> list[jax.Device]:
+    """Returns `count` devices. If there are fewer, they are repeated in their order."""
+    return list(islice(cycle(devices), count))
 
 
 def divide(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
@@ -55,18 +74,17 @@ def divide(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
     on_processor = all(device.platform == "cpu" for device in devices)
     if not on_processor:
         return list(devices)
-    # Each device takes as many parts as it needs to keep each part small.
+    # Each device takes as many parts as it needs to keep each part small. The division rounds up.
     rounds = -(-rows // (_MOST_ROWS * len(devices)))
     return list(devices) * rounds
 
 
-def part_rows(rows: int, devices: Sequence[jax.Device]) -> tuple[int, int]:
-    """Returns the number of rows in each part that `cut` makes, and the number of parts.
-
-    `rows` is the number of rows of all parts.
-    """
+def part_rows(rows: int, devices: Sequence[jax.Device]) -> PartRows:
+    """Returns how `cut` cuts rows into parts. `rows` is the number of all rows."""
+    # Both divisions round up. Parts of this size may need fewer devices: 9 rows on 4 devices are 3
+    # parts of 3 rows.
     size = -(-rows // len(devices))
-    return size, -(-rows // size)
+    return PartRows(size, parts=-(-rows // size))
 
 
 def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
@@ -80,10 +98,11 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
     size, count = part_rows(rows, devices)
     if count == 1:
         return [_put(tree, devices[0])]
-    indices = np.minimum(np.arange(count * size), rows - 1)
+    # The indices of the rows of all parts. Those beyond the end are the last row's.
+    indices = np.minimum(np.arange(count * size), rows - 1).reshape(count, size)
     tree = jax.tree.map(_to_numpy, tree)
     parts = []
-    for indices_of_part, device in zip(indices.reshape(count, size), devices, strict=False):
+    for indices_of_part, device in zip(indices, devices[:count], strict=True):
         part = jax.tree.map(itemgetter(indices_of_part), tree)
         parts.append(_put(part, device))
     return parts
@@ -101,14 +120,18 @@ def _to_numpy(array: Pytree) -> Pytree:
 
 def join(parts: Sequence[Pytree], rows: int) -> Pytree:
     """Joins the parts that `cut` made to arrays ``[rows, ...]``, for the default device."""
-    default_device = jax.local_devices()[0]
     # A single part on the default device needs no copy: it has no repeated rows.
-    if len(parts) == 1:
-        leaves = jax.tree.leaves(parts[0])
-        devices = [getattr(array, "device", default_device) for array in leaves]
-        if all(device == default_device for device in devices):
-            return parts[0]
+    if len(parts) == 1 and _is_on_default_device(parts[0]):
+        return parts[0]
     return jax.tree.map(lambda *arrays: _concatenate(arrays)[:rows], *parts)
+
+
+def _is_on_default_device(tree: Pytree) -> bool:
+    """Returns whether all arrays are JAX's, and on the default device."""
+    default_device = jax.local_devices()[0]
+    # A leaf that is no array, such as a number, has no device.
+    devices = [getattr(array, "device", default_device) for array in jax.tree.leaves(tree)]
+    return all(device == default_device for device in devices)
 
 
 def _concatenate(arrays: Sequence[Pytree]) -> Pytree:

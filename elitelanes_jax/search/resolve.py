@@ -93,10 +93,12 @@ class Search:
         """Returns the number of steps of an optimiser within the budget, rounded up."""
         if self.settings.generations is not None:
             return self.settings.generations
+        # The division rounds up.
         return -(-self.settings.evaluations // evaluations_per_step)
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON, as results and run.json keep a search."""
+        # A search is on one shape, so it has no other options for large maps.
         return self.settings.to_plain() | {"large": None}
 
     def to_spec(self) -> SearchSpec:
@@ -195,8 +197,10 @@ def search_from_plain(plain: Plain, shape: tuple[int, int]) -> Search:
 
 def has_other_alphabet(search: Search, other: Search) -> bool:
     """Returns whether two searches differ, and in the alphabet alone."""
+    if search == other:
+        return False
     settings = replace(search.settings, alphabet=other.settings.alphabet)
-    return search != other and replace(search, settings=settings, alphabet=other.alphabet) == other
+    return replace(search, settings=settings, alphabet=other.alphabet) == other
 
 
 def _split_large(plain: Plain) -> tuple[dict[str, Plain], Plain]:
@@ -209,6 +213,7 @@ def _split_large(plain: Plain) -> tuple[dict[str, Plain], Plain]:
 
 
 def _spec_of_settings(settings: Settings) -> SearchSpec:
+    """Returns a specification with all options of settings."""
     options = settings.values()
     if settings.style is not None:
         # The settings have the options of the style already, so it keeps its name alone.
@@ -299,6 +304,7 @@ def _feature_weights(settings: Settings, measured: tuple[str, ...]) -> tuple[int
 
 
 def _axes(settings: Settings, shape: tuple[int, int]) -> tuple[Axis, ...]:
+    """Returns the axes of the niches: those asked for, otherwise those of the preset."""
     if settings.axes:
         return resolve_axes(settings.axes, shape, settings.features)
     if settings.preset in ("tuned", "irregular"):
@@ -343,34 +349,55 @@ def _check_choices(settings: Settings) -> None:
 
 def _check_shape(search: Search, shape_name: str) -> None:
     """Checks that fixed cells, initial maps, measured features and the fitness fit the shape."""
-    settings, shape = search.settings, search.shape
-    size = f"{shape[0]} x {shape[1]}"
-    if settings.fix is not None:
-        check_fits(settings.fix, shape)
-    if not set(search.measured).isdisjoint(TOWN_FEATURES):
-        longest, what = LONGEST_TOWN, "the features of a town"
-        if "mean_detour" in search.measured:
-            longest, what = LONGEST_DETOUR, "the mean detour"
-        if max(shape) > longest:
-            raise InputError(
-                f"{shape_name}: expected sides of at most {longest} for {what}, got {size}"
-            )
-    for grid in settings.initial:
-        if (len(grid), len(grid[0])) != shape:
-            raise InputError(
-                f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}"
-            )
-    penalty = largest_penalty(len(search.ranges), (*METRIC_NAMES, *search.measured))
+    if search.settings.fix is not None:
+        check_fits(search.settings.fix, search.shape)
+    _check_town_features(search, shape_name)
+    _check_initial_maps(search)
+    _check_fitness(search, shape_name)
+
+
+def _check_town_features(search: Search, shape_name: str) -> None:
+    """Checks that the features of towns, if any is measured, can be measured on the shape."""
+    if set(search.measured).isdisjoint(TOWN_FEATURES):
+        return
+    longest, features = LONGEST_TOWN, "the features of a town"
+    if "mean_detour" in search.measured:
+        longest, features = LONGEST_DETOUR, "the mean detour"
+    if max(search.shape) > longest:
+        expected = f"sides of at most {longest} for {features}"
+        raise InputError(f"{shape_name}: expected {expected}, got {_size_text(search.shape)}")
+
+
+def _check_initial_maps(search: Search) -> None:
+    """Checks that the initial maps have the shape."""
+    for grid in search.settings.initial:
+        shape = (len(grid), len(grid[0]))
+        if shape != search.shape:
+            expected = f"maps of {_size_text(search.shape)}"
+            raise InputError(f"initial: expected {expected}, got one of {_size_text(shape)}")
+
+
+def _check_fitness(search: Search, shape_name: str) -> None:
+    """Checks that the fitness of each grid of the shape has 32 bits."""
+    weights = search.settings.weights
+    penalty = largest_penalty(len(search.ranges), search.feature_names)
     # If the user gave weights, the message names them. Otherwise the grid is too large for the
     # default weights, and the message says which size fits.
     try:
-        check_weights(search.weights, shape, penalty + largest_addend(settings.weights, shape))
+        check_weights(search.weights, search.shape, penalty + largest_addend(weights, search.shape))
     except InputError:
-        if settings.weights:
+        if weights:
             raise
         side = largest_side(search.weights, penalty)
         expected = f"grids whose fitness has 32 bits, such as all up to {side} x {side}"
+        size = _size_text(search.shape)
         raise InputError(f"{shape_name}: expected {expected}, got {size}") from None
+
+
+def _size_text(shape: tuple[int, int]) -> str:
+    """Returns a shape as messages have it, such as 6 x 7."""
+    height, width = shape
+    return f"{height} x {width}"
 
 
 def _check_constraints(search: Search, room_for: Room) -> None:
@@ -394,6 +421,9 @@ def _check_ranges_of_grids(ranges: tuple[Range, ...], shape: tuple[int, int], fi
 
     The result is cached, because a search that is repeated for other seeds is checked again.
     """
-    certain = {"dead_ends": 0, "empty_cells": 0} if filled else {}
-    height, width = shape
-    check_ranges(ranges, find_bounds(shape, certain), f"repaired grids of {height} x {width}")
+    known_metrics: dict[str, int] = {}
+    # A repair that fills leaves no dead ends and no empty cells.
+    if filled:
+        known_metrics = {"dead_ends": 0, "empty_cells": 0}
+    bounds = find_bounds(shape, known_metrics)
+    check_ranges(ranges, bounds, f"repaired grids of {_size_text(shape)}")

@@ -54,6 +54,7 @@ def parse_weights(
     known = (*Weights._fields, *TOWN_FEATURES, *user_features)
     if isinstance(weights, Weights):
         weights = weights._asdict()
+    # The fitness has 32 bits. How large a weight may be depends on the shape, see `resolve`.
     return parse_numbers("weights", known, weights, least=-(2**31))
 
 
@@ -62,8 +63,11 @@ def parse_initial(initial: UserValue) -> Grids:
     maps = as_maps(initial)
     if not maps and not isinstance(initial, tuple):
         raise InputError("expected at least one map, got none")
-    rows_of_maps = [road_map.codes.tolist() for road_map in maps]
-    return tuple(tuple(map(tuple, rows)) for rows in rows_of_maps)
+    grids = []
+    for road_map in maps:
+        rows = road_map.codes.tolist()
+        grids.append(tuple(tuple(row) for row in rows))
+    return tuple(grids)
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,10 @@ class Settings:
 
     `SearchSpec` has the options that a user gave. `elitelanes_jax.search.resolve.resolve` adds
     those of the style and of the example maps, and the defaults.
+
+    Each field has its default, its check and, if it is an option of the command line, the name of
+    its value there; `Option` describes the other arguments. A check with ``after="features"`` also
+    takes the names of the user's own features.
 
     Attributes:
       style: named options: town, paper, or a .toml file; your options override them
@@ -125,7 +133,7 @@ class Settings:
 
     def values(self) -> dict[str, UserValue]:
         """Returns the values of the options, by name."""
-        return {name: getattr(self, name) for name in OPTIONS}
+        return {option_name: getattr(self, option_name) for option_name in OPTIONS}
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON, from which `settings_from_plain` makes equal settings."""
@@ -151,10 +159,10 @@ def check_option(name: str, value: UserValue, user_features: Collection[str]) ->
 
     The message of an `InputError` starts with the option's name.
     """
-    option = OPTIONS[name]
-    if option.after is None:
-        return check_named(name, option.check, value)
-    return check_named(name, option.check, value, user_features)
+    check, after = OPTIONS[name].check, OPTIONS[name].after
+    if after is None:
+        return check_named(name, check, value)
+    return check_named(name, check, value, user_features)
 
 
 def settings_from_plain(plain: Plain) -> Settings:
@@ -165,11 +173,15 @@ def settings_from_plain(plain: Plain) -> Settings:
     """
     if not isinstance(plain, Mapping) or set(plain) != set(OPTIONS):
         raise InputError(f"search: expected all options of a search, got {shorten(repr(plain))}")
+    # The features are checked first, because other options name them. The check of the style would
+    # read its file, which may not exist any more.
     user_features = check_named("features", check_features, plain["features"])
     values = {"style": check_named("style", none_or(name), plain["style"])}
     for option_name, value in plain.items():
         if option_name == "style":
             continue
         # JSON has lists in place of tuples. Only the default, (), may be empty.
-        values[option_name] = check_option(option_name, () if value == [] else value, user_features)
+        if value == []:
+            value = ()
+        values[option_name] = check_option(option_name, value, user_features)
     return Settings(**values)
