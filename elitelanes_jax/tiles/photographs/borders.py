@@ -49,6 +49,15 @@ _BESIDE = 0.04
 _BESIDE_REACH = 0.05
 # The least standard deviation of a floor's colours, in logarithms.
 _GRAIN = 0.01
+# How much brighter than the tile's darkest quarter the sample of asphalt may be, in logarithms.
+_ASPHALT_RANGE = 0.35
+# A tenth of the sample of a density is left out, and this factor makes its covariance larger again.
+# For normal colours 1.23 would do so.
+_TRIMMED_FACTOR = 1.3
+# How far beyond the reach of the sharpest edge the sample of the floor begins, in tiles.
+_FLOOR_GAP = 0.02
+# The change of colours at a step is over three steps.
+_CHANGE_STEPS = 3
 # The grey levels that are added to colours before their logarithm is taken, because noise is as
 # large in dark pixels.
 _DARK = 8
@@ -84,42 +93,57 @@ def outer_sides(codes: NDArray[np.int8]) -> Sides:
 
 
 def contrasts(image: NDArray[np.uint8], view: View, sides: Sides) -> NDArray[np.float64]:
-    """Returns how far the colours beside each side ``[S]`` are the tile's inside and not outside.
+    """Returns how well the colours beside each side tell the tile from the floor, ``[S]``.
 
-    It is the difference of the logarithms of likelihoods within 4 % of a tile, the median along the
-    side: 6 if all colours tell the tile from the floor, 0 if none does, or if the same colours are
-    on both sides.
+    At each point of a side, the likelihood of the colours just inside is compared with that of the
+    colours just outside. The result is the median along the side: `MOST_CONTRAST` if all colours
+    tell the tile from the floor, and 0 if none does or the colours on both sides are the same.
     """
     reach = _BESIDE_REACH
-    # The places across a side go from outside to inside.
-    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+    steps = _steps_across(reach)
     inside, outside = (steps < 0) & (steps > -_BESIDE), (steps > 0) & (steps < _BESIDE)
     medians = []
-    for side in _point_colours(image, view, sides, steps)[2]:
+    _, _, colours = _point_colours(image, view, sides, steps)
+    for side in colours:
         likely = _likelihoods(side, steps, reach)
         medians.append(np.median(likely[:, inside].mean(axis=1) - likely[:, outside].mean(axis=1)))
     return np.array(medians)
 
 
+def _steps_across(reach: float) -> NDArray[np.float64]:
+    """Returns places across a side, in tiles outwards, from outside to inside."""
+    return np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+
+
 def _profiles(
     image: NDArray[np.uint8], view: View, sides: Sides, steps: NDArray[np.float64]
 ) -> tuple[Points, Points, NDArray[np.float64]]:
-    """Returns the colours at points on the sides, and across the sides at each point.
+    """Returns the colours across the sides of tiles.
 
-    Returns points ``[S, A, 2]`` on the sides, the directions ``[S, 1, 2]`` out, and colours
-    ``[S, F, T, 3]``.
+    S sides have A points each, and a point has `_FINE` places along the side, F in all for a side.
 
-    The colours are logarithms, at the distances `steps` outwards, of `_FINE` places for each point.
+    Args:
+      image: the photograph.
+      view: where the tiles are in it.
+      sides: the sides.
+      steps: float ``[T]``, the distances outwards at which colours are read, in tiles.
+
+    Returns:
+      The points on the sides ``[S, A, 2]``; the directions out ``[S, 1, 2]``; and the logarithms of
+      the colours ``[S, F, T, 3]``.
     """
+    # Shapes [S, 1, 2].
     middles, outwards = (np.array(part, float)[:, None] for part in zip(*sides, strict=True))
     count = _FINE * ALONG
     # A direction out of the tile with swapped coordinates points along the side.
     along = (np.arange(count) + 0.5)[None, :, None] / count - 0.5
+    # Shape [S, F, 2].
     places = middles + along * outwards[..., ::-1]
+    # Shape [S, F, T, 2].
     across = places[:, :, None] + steps[:, None] * outwards[:, :, None]
-    pixels = flatten(image, view, across.reshape(-1, len(steps), 2), 1 / _STEP).reshape(
-        len(sides), count, len(steps), 3
-    )
+    # `flatten` takes places in rows and columns.
+    rows = flatten(image, view, across.reshape(-1, len(steps), 2), 1 / _STEP)
+    pixels = rows.reshape(len(sides), count, len(steps), 3)
     points = places.reshape(len(sides), ALONG, _FINE, 2).mean(axis=2)
     return points, outwards, np.log(pixels.astype(float) + _DARK)
 
@@ -140,28 +164,33 @@ def colour_border(image: NDArray[np.uint8], view: View, sides: Sides, reach: flo
 
     The border is searched for within `reach` tiles of where the view has it.
     """
-    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+    steps = _steps_across(reach)
     points, outwards, colours = _point_colours(image, view, sides, steps)
-    return Border(
-        points,
-        outwards,
-        np.stack([_separate(_likelihoods(side, steps, reach), steps, reach) for side in colours]),
-    )
+    offsets = []
+    for side in colours:
+        likely = _likelihoods(side, steps, reach)
+        offsets.append(_separate(likely, steps, reach))
+    return Border(points, outwards, np.stack(offsets))
 
 
 def _likelihoods(
     colours: NDArray[np.float64], steps: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
-    """Returns how much likelier each colour ``[A, T, 3]`` of a side is the tile's than the floor's.
+    """Returns how much likelier each colour of a side is the tile's than the floor's.
 
-    The result is the logarithm of the ratio.
+    Args:
+      colours: ``[A, T, 3]``, across the side at A points.
+      steps: the distances outwards ``[T]``.
+      reach: colours farther outside are the floor's, and colours farther inside are the tile's.
+
+    Returns:
+      The logarithm of the ratio of the likelihoods, ``[A, T]``, at most `_MOST_LIKELY` both ways.
     """
     floor = colours[:, steps > reach].reshape(-1, 3)
     tile = colours[:, steps < -reach].reshape(-1, 3)
-    value = tile.max(axis=1)
-    # Tape is brighter than asphalt. The sample of asphalt is near the darkest quarter of the tile's
-    # colours.
-    asphalt = tile[value < np.percentile(value, 25) + 0.35]
+    brightness = tile.max(axis=1)
+    # Tape is brighter than asphalt, so the sample of asphalt has the tile's darkest colours.
+    asphalt = tile[brightness < np.percentile(brightness, 25) + _ASPHALT_RANGE]
     # A pixel of the tile is asphalt, or anything else with the same small density at all colours.
     inside = np.logaddexp(_log_density(colours, asphalt), _TAPE_DENSITY)
     return np.clip(inside - _log_density(colours, floor), -_MOST_LIKELY, _MOST_LIKELY)
@@ -176,8 +205,7 @@ def _log_density(colours: NDArray[np.float64], sample: NDArray[np.float64]) -> N
     # Specks in the sample would widen the density. Therefore its farthest tenth is left out.
     distance = np.abs(sample - mean).sum(axis=1)
     core = sample[distance <= np.percentile(distance, 90)]
-    # The factor makes up for the tenth that is left out. For normal colours 1.23 would do so.
-    covariance = np.cov(core.T) * 1.3 + np.eye(3) * _GRAIN**2
+    covariance = np.cov(core.T) * _TRIMMED_FACTOR + np.eye(3) * _GRAIN**2
     away = colours - mean
     square = np.einsum("...i,ij,...j->...", away, np.linalg.inv(covariance), away)
     return np.asarray(-0.5 * square - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1])
@@ -186,34 +214,52 @@ def _log_density(colours: NDArray[np.float64], sample: NDArray[np.float64]) -> N
 def _separate(
     likely: NDArray[np.float64], steps: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
-    """Returns the offset outwards of the border at each point ``[A]`` of a side.
+    """Returns where the border of a side is at each of its points.
 
-    The border is near the line that separates the side best. NaN where nothing separates near the
-    line.
+    First the straight line that separates the side best is searched for. A border need not be
+    straight, so each point may then leave this line by a few steps.
+
+    Args:
+      likely: ``[A, T]``, how much likelier each colour is the tile's than the floor's.
+      steps: the distances outwards ``[T]``, from outside to inside.
+      reach: the largest distance of the border.
+
+    Returns:
+      The offsets outwards ``[A]``; NaN where nothing separates near the line.
     """
-    points = np.arange(len(likely))
+    # The I steps at which the border may be.
     inner = np.flatnonzero(np.abs(steps) <= reach)
-    # The gain of a border before a step is the sum of the likelihoods after it, which are inside. A
-    # constant is left out.
+    # The gain of a border is the sum of the likelihoods inside of it, at the steps after it. This is
+    # the sum of all, which is the same for every border and is left out, less the sum before it.
     gain = -np.cumsum(likely, axis=1)[:, inner - 1]
-    share = (points + 0.5) / len(points)
-    # Lines lead from every second place at one end of the side to every second place at the other
-    # end.
-    ends = np.arange(0, len(inner), 2)
-    lines = np.rint(ends[:, None, None] * (1 - share) + ends[:, None] * share).astype(int)
-    best_line = np.unravel_index(int(gain[points, lines].sum(axis=-1).argmax()), lines.shape[:2])
-    # A border need not be straight. Each point may leave the best line by a few steps, with the
-    # gains of its neighbours.
+    line = _best_line(gain)
+    # Each point counts the gains of its neighbours, since those of a single point are noisy.
     smooth = cv2.GaussianBlur(gain, (1, 5), 0, borderType=cv2.BORDER_REPLICATE)
     width = max(2, round(0.01 / _STEP))
-    window = np.clip(lines[best_line][:, None] + np.arange(-width, width + 1), 0, len(inner) - 1)
-    near = np.take_along_axis(smooth, window, 1)
-    best = near.argmax(axis=1)
-    place = window[points, best]
-    # A maximum at the end of the window is no border, except at the reach: a side that is off by
-    # more moves by the reach, and is looked for again.
-    is_seen = ((best > 0) & (best < 2 * width)) | (place == 0) | (place == len(inner) - 1)
-    return np.where(is_seen, steps[inner[place]] + _STEP, np.nan)
+    window = np.clip(line[:, None] + np.arange(-width, width + 1), 0, len(inner) - 1)
+    best = np.take_along_axis(smooth, window, 1).argmax(axis=1)
+    border = window[np.arange(len(likely)), best]
+    # A maximum at the end of the window is no border, since a larger one may be beyond it.
+    is_maximum = (best > 0) & (best < 2 * width)
+    # At the reach it is one: a side that is off by more moves by the reach, and is looked for again.
+    is_at_reach = (border == 0) | (border == len(inner) - 1)
+    return np.where(is_maximum | is_at_reach, steps[inner[border]] + _STEP, np.nan)
+
+
+def _best_line(gain: NDArray[np.float64]) -> NDArray[np.int_]:
+    """Returns the straight line of the largest gain, its step at each point ``[A]``.
+
+    `gain` is that of a border at each point and each inner step, ``[A, I]``.
+    """
+    points = np.arange(len(gain))
+    share = (points + 0.5) / len(points)
+    # Lines lead from every second place at one end of the side to every second place at the other
+    # end: shape [E, E, A].
+    ends = np.arange(0, gain.shape[1], 2)
+    lines = np.rint(ends[:, None, None] * (1 - share) + ends[:, None] * share).astype(int)
+    best = np.argmax(gain[points, lines].sum(axis=-1))
+    first, last = np.unravel_index(int(best), lines.shape[:2])
+    return lines[first, last]
 
 
 def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Border:
@@ -254,15 +300,16 @@ def _contrasting_profiles(
     Returns points, directions, steps, and colours ``[S, F, T, 3]`` in standard deviations of the
     floor's colours.
     """
-    steps = np.arange(_SHARP_REACH + _RING, -_SHARP_REACH - 4.5 * _STEP, -_STEP)
+    # Inside, the steps end where the change at the reach still has all its steps.
+    end = -_SHARP_REACH - (_CHANGE_STEPS + 1.5) * _STEP
+    steps = np.arange(_SHARP_REACH + _RING, end, -_STEP)
     points, outwards, colours = _profiles(image, view, sides, steps)
     for side in range(len(sides)):
-        floor = colours[side][:, steps > _SHARP_REACH + 0.02].reshape(-1, 3)
+        floor = colours[side][:, steps > _SHARP_REACH + _FLOOR_GAP].reshape(-1, 3)
         # After this product the floor's colours are uncorrelated and vary by about 1. A difference
         # then counts by how rare it is on the floor.
-        colours[side] = colours[side] @ np.linalg.cholesky(
-            np.linalg.inv(np.cov(floor.T) + np.eye(3) * _GRAIN**2)
-        )
+        covariance = np.cov(floor.T) + np.eye(3) * _GRAIN**2
+        colours[side] = colours[side] @ np.linalg.cholesky(np.linalg.inv(covariance))
     return points, outwards, steps, colours
 
 
@@ -272,8 +319,9 @@ def _sharpest(colours: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArr
     The offset is NaN if the largest change is at the reach.
     """
     inner = np.flatnonzero(np.abs(steps - _STEP / 2) <= _SHARP_REACH)
-    # The change between a step and the next one, over three steps.
-    change = np.pad(np.linalg.norm(colours[:, 3:] - colours[:, :-3], axis=2), ((0, 0), (1, 2)))
+    difference = colours[:, _CHANGE_STEPS:] - colours[:, :-_CHANGE_STEPS]
+    # The three steps of the change between a step and the next one begin one step before it.
+    change = np.pad(np.linalg.norm(difference, axis=2), ((0, 0), (1, _CHANGE_STEPS - 1)))
     best = inner[change[:, inner].argmax(axis=1)]
     index = np.arange(len(colours))
     left, here, right = (change[index, best + shift] for shift in (-1, 0, 1))
