@@ -89,6 +89,16 @@ def test_ribbons_are_of_one_width_and_meet_in_turns():
                 assert abs(np.linalg.norm(point - 1) - 0.5) == pytest.approx(width / 2, abs=0.002)
 
 
+@pytest.mark.parametrize("shape", [(2, 6), (6, 2)])
+def test_lane_lines_have_their_width_on_wide_and_on_high_maps(shape):
+    figure, ax = plt.subplots()
+    road_map(repair(np.full(shape, 15)), width=0.5, ax=ax)
+    (lines,) = [collection for collection in ax.collections if collection.get_label() == "lanes"]
+    figure.canvas.draw()
+    (left, _), (right, _) = ax.transData.transform([(0, 0), (1, 0)])
+    assert lines.get_linewidth()[0] * figure.dpi / 72 == pytest.approx(0.09 * 0.5 * (right - left), rel=0.01)
+
+
 def test_thumbnails_have_no_lanes_and_marks_are_the_cells():
     marked = np.zeros((3, 4), bool)
     marked[1, 2] = marked[2, 0] = True

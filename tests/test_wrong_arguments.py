@@ -140,6 +140,9 @@ WRONG = {
     "camera: rows: expected a whole number": lambda: DatasetSpec(camera={"rows": "x"}),
     "camera: row: expected one of rows, columns": lambda: DatasetSpec(camera={"row": 48}),
     "transforms: luck: expected one of": lambda: DatasetSpec(transforms={"luck": 1}),
+    "transforms: scale: expected a factor, or the smallest and the largest": lambda: DatasetSpec(
+        transforms="scale=1..2..3"
+    ),
     "action: expected two numbers, shape (2,), got shape (3,)": lambda: drive_by([0, 0, 0]),
     "action: expected real numbers, got complex64": lambda: drive_by(np.array([1j, 0], np.complex64)),
     "action: expected one whole number, got shape (2,)": lambda: RoadNav.step(

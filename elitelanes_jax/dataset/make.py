@@ -247,7 +247,7 @@ def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], fo
     else:
         try:
             hint = "use force=True to draw all pictures anew"
-            compare_settings(out, file, identity | {"object_set": identity.get("object_set")}, hint)
+            compare_settings(out, file, identity, hint)
         except InputError:
             if not force:
                 raise

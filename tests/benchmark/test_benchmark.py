@@ -22,6 +22,7 @@ from elitelanes_jax.benchmark.submissions import (
 )
 from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.cli.score import _table
 from elitelanes_jax.network import Weights, mirror
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
@@ -147,6 +148,12 @@ def test_intervals_cover_the_mean_and_leave_out_what_is_no_number():
     with pytest.raises(InputError, match=r"^values: expected one score for each run, shape \[R\], got shape \[3, 2\]$"):
         confidence_interval(np.ones((3, 2)))
     assert np.isnan(confidence_interval(np.array([np.nan]))).all()
+
+
+def test_the_table_of_scores_leaves_out_what_is_no_number():
+    known, unknown = np.array([[np.nan], [0.5], [0.5]]), np.full((3, 1), np.nan)
+    _, row = _table({"precision": known, "optimal": unknown, "graded": known}).splitlines()
+    assert re.split(r" {2,}", row.strip()) == ["10,000", "0.500 [0.500, 0.500]", "-", "0.500 [0.500, 0.500]"]
 
 
 def arrays(**changed):

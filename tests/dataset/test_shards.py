@@ -30,8 +30,9 @@ TOWN = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [14, 5, 5, 11], [12, 5, 5, 9]])
 
 @pytest.fixture(autouse=True)
 def small_shards(monkeypatch):
-    """Four samples in a shard, and no network."""
+    """Four samples in a shard, three rows in a row group, and no network."""
     monkeypatch.setattr("elitelanes_jax.dataset._drawing._BLOCK", 4)
+    monkeypatch.setattr("elitelanes_jax.dataset._shards._ROWS", 3)
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
 
 
@@ -101,6 +102,11 @@ def test_shards_have_the_pictures_and_the_metadata_of_coco(name, spec, tmp_path)
     pytest.importorskip("pycocotools")
     make_dataset(spec(format="coco"), tmp_path / "coco")
     about = make_dataset(spec(format=name), tmp_path / "out", workers=1)
+    for shard in tmp_path.rglob("*.parquet"):
+        from pyarrow.parquet import read_metadata
+
+        rows = read_metadata(shard)
+        assert max(rows.row_group(index).num_rows for index in range(rows.num_row_groups)) <= 3
     for split, short in zip(SPLITS, ("train", "val", "test"), strict=True):
         lines = (tmp_path / "coco" / "metadata" / f"{short}.jsonl").read_text() if about["pictures"][split] else ""
         found = list(samples_of(tmp_path / "out", split, name))

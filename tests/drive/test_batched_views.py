@@ -188,6 +188,16 @@ def test_objects_hide_labels_and_no_robot_touches_them(furnished, crowded):
         assert not thing.height or (away > thing.radius + Robot().width / 2 - 1e-5).all()
 
 
+def test_a_pose_is_drawn_anew_until_it_touches_no_object():
+    """Buses are on most tiles of a ring, so many second poses touch one as well."""
+    ring = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
+    buses = [MapObject("bus", x, y, 0.0, 0.12) for x, y in ((1.5, 0.5), (2.5, 0.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5))]
+    poses = plans_of(jax.random.key(0), make_scenes(RoadMap(ring, objects=buses), tile_px=16), 32).pose
+    for bus in buses:
+        away = np.hypot(bus.x - poses.x, bus.y - poses.y) * TILE
+        assert (away > bus.radius + Robot().width / 2 - 1e-5).all()
+
+
 @pytest.mark.slow
 def test_objects_have_the_masks_and_the_pictures_that_datasets_have(drawn_tiles):
     grid, objects, camera = np.array([[6, 7, 3], [12, 13, 9]], np.int8), load_objects(), Camera(rows=60, columns=80)

@@ -132,6 +132,8 @@ def test_light_and_noise_change_colours_alone(scene):
     np.testing.assert_allclose(dark.image, plain.image * 0.5, atol=0.51)
     change = noisy.image.astype(float) - plain.image
     assert 4 < change[plain.image < 200].std() < 6
+    red, green, _ = change[(plain.image < 200).all(axis=-1)].T
+    assert abs(np.corrcoef(red, green)[0, 1]) < 0.2
     poses = Pose(*np.array([pose, pose], np.float32).T)
     frames = jax.jit(jax.vmap(look, in_axes=(0, None, None, None, 0, None)))
     both = frames(poses, grid, sight, None, jax.random.split(jax.random.key(0), 2), chosen)

@@ -11,7 +11,7 @@ from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some
 
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.drive import Camera, LaneDrive, Pose, look, make, make_objects, make_sight
-from elitelanes_jax.drive._objects import make_billboards, pack_billboards, touches
+from elitelanes_jax.drive._objects import Floor, lie, make_billboards, pack_billboards, touches
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
 from elitelanes_jax.tiles import load_objects
@@ -66,6 +66,21 @@ def test_the_nearest_objects_are_shown(sight):
     assert not empty.instances.any()
     np.testing.assert_array_equal(empty.image, jax.jit(look)(pose, TOWN, sight).image)
     assert make_objects([RoadMap(TOWN)]) is None
+
+
+@pytest.mark.usefixtures("standard")
+def test_the_nearest_objects_on_the_floor_are_those_ahead():
+    """The one behind is nearer, and a view of a single object shows the one ahead."""
+    things = [MapObject("floor_tag", x, 0.5, 0.0, 0.0) for x in (0.4, 0.9)]
+    objects = pick(make_objects([RoadMap(TOWN, objects=things)]), 0)
+    billboards = pack_billboards([{0: np.full((8, 8, 4), 255, np.uint8)}] * 2)
+    floor = Floor(jnp.arange(2), *jnp.full((2, 2), 0.06))
+    # A row of pixels sees the ground through the middles of both objects, 0.1 tiles from pixel to pixel.
+    x, y = (jnp.array([[0.0]]), jnp.array([[0.1]])), (jnp.array([[0.5]]), jnp.array([[0.0]]))
+    pose = Pose(*jnp.array([0.5, 0.5, 0.0]))
+    for count, shown in ((1, {2}), (2, {1, 2})):
+        instances = lie(pose, objects, floor, jnp.arange(2), billboards, x, y, jnp.arange(12), count)[2]
+        assert set(np.unique(instances)) - {0} == shown
 
 
 @jax.jit

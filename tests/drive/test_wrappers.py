@@ -77,6 +77,7 @@ def test_gymnax_has_our_values_as_vectors(params):
     assert env.observation_space(params) == ("box", -np.inf, np.inf, (3 + 4 * 9 + 3,))
     observation, state = jax.jit(env.reset)(key, params)
     step = jax.jit(env.step)
+    params = params.replace(limit=4)  # The options of a step are those that it gets.
     cut = False
     for number in range(7):
         ours = expected(jax.random.fold_in(key, number), state, number % 3, params)
@@ -143,7 +144,7 @@ class _Env:
     """What `gymnasium.Env` has that ours calls."""
 
     def reset(self, *, seed=None):
-        pass
+        self.seed = seed
 
 
 def test_a_deep_copy_has_a_state_of_its_own(params):
@@ -151,7 +152,8 @@ def test_a_deep_copy_has_a_state_of_its_own(params):
     env = gymnasium_env(RoadNav, params, SimpleNamespace(Env=_Env, spaces=SPACES))
     env.reset(seed=3)
     expected = [env.step(action)[0] for action in (0, 1, 2, 1)]
-    env.reset(seed=3)
+    env.reset(seed=np.int64(3))
+    assert type(env.seed) is int and env.seed == 3
     env.step(0)
     copied = deepcopy(env)
     for stepped in (copied, env):

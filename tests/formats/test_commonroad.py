@@ -42,6 +42,9 @@ def test_lanelets_are_the_movements(grid):
     steps = nx.single_source_shortest_path_length(graph, lanes[1])
     goal = root.find("planningProblem/goalState/position/lanelet").get("ref")
     assert steps[lanes[int(goal)]] == max(steps.values())
+    first, second = np.mean(sides[1], axis=0)[:2]
+    orientation = float(root.find("planningProblem/initialState/orientation/exact").text)
+    assert abs(np.exp(1j * orientation) - (second - first) / abs(second - first)) < 1e-4
     two = sum(road_graph(grid).degree(lane[:2]) == 2 for lane in graph)
     assert sum(len(refs(one, "adjacentLeft")) for one in lanelets.values()) == two
 

@@ -199,6 +199,7 @@ SHAPES = {
     "with null as a word": {"unit": "tiles", "above": "null"},
     "in metres from corners": {},
     "in metres from middles": {"middles": True},
+    "in metres from corners that rounding has moved": {"middles": -1e-6},
     "with cells and no places of tiles": {"cells": True, "places": False},
     "with names and no places of tiles": {"places": False, "bare": True, "frames": False},
     "of another name": {"root": "lab_7", "unit": "tiles"},

@@ -11,7 +11,7 @@ from conftest import grids
 from hypothesis import given
 
 from elitelanes_jax import InputError, RoadMap
-from elitelanes_jax.formats import make_plan, without_dead_ends
+from elitelanes_jax.formats import make_plan, plan_pages, without_dead_ends
 from elitelanes_jax.formats.plan import REFERENCE, tapes_of
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, SIDES, rotate_codes
@@ -114,6 +114,19 @@ def test_files_hold_the_plan(furnished, tmp_path):
         assert f"{tile.row},{tile.column}" in words
     assert {"turn 90°", "1.755 m", "1 x stop, tag 25", "1 x duckie", "4 x turn"} <= set(words)
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "first.pdf").read_bytes())) == 2
+
+
+def test_objects_are_numbered_from_north_to_south_and_arrows_point_ahead():
+    places = [(0.5, 2.0), (1.5, 0.2), (2.5, 0.2)]
+    buses = [{"kind": "bus", "x": x, "y": y, "angle": 1.0} for x, y in places]
+    plan = make_plan(RoadMap(RING, objects=buses))
+    assert [(item.x, item.y) for item in plan.objects] == [places[1], places[2], places[0]]
+    page = plan_pages._map_page(plan)
+    arrows = [words for words in page.axes[0].texts if words.get_zorder() == plan_pages._ARROWS]
+    assert len(arrows) == 3
+    for arrow in arrows:
+        east, south = np.subtract(arrow.xy, arrow.xyann)
+        assert np.arctan2(-south, east) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("kind", ["duckie", "floor_tag"])

@@ -17,6 +17,7 @@ from elitelanes_jax.network.metrics import stack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem import paper_axes
 from elitelanes_jax.problem.descriptor import compute_descriptor
+from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search import History, MeasuredElites
 from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.search.result import RunState
@@ -98,6 +99,13 @@ def test_a_result_hands_its_maps_over(evolved):
         evolved.maps(0)
     with pytest.raises(InputError, match="where 'turn=3': expected a metric"):
         evolved.maps(where="turn=3")
+
+
+def test_ranges_leave_the_axes_of_a_result_as_they_are():
+    """A file of an earlier version may have other axes than its preset has now."""
+    found = result([random_maps(1, 6)], [[0]])
+    assert resolve(SearchSpec(), (6, 6)).axes != AXES
+    assert found.with_ranges(parse_ranges("turns=0..")).search.axes == AXES
 
 
 def random_maps(count, size, seed=0):
@@ -221,6 +229,18 @@ def test_maps_follow_the_targets(evolved):
     beyond = again(evolved, targets={"turns": [high, high]})
     first = beyond.choose(1).maps[0]
     assert first.metrics["turns"] == high
+
+
+def test_maps_in_the_target_bins_follow_the_targets_among_themselves():
+    """The fittest map is off the target bin, so the others have another index among those in it."""
+    found = again(result([random_maps(4, 6)], [range(4)]), targets={"turns": [4, 9]})
+    elites = found.elites._replace(
+        descriptor=found.elites.descriptor.at[0, :, -1].set(jnp.array([1, 0, 0, 0])),
+        metrics=found.elites.metrics._replace(turns=jnp.array([[9, 4, 4, 9]])),
+    )
+    search = replace(found.search, axes=(*AXES[:-1], AXES[-1]._replace(target=0)))
+    chosen = replace(found, elites=elites, search=search).choose(2, min_difference=(0.0,)).maps
+    assert {road_map.metrics["turns"] for road_map in chosen} == {4, 9}
 
 
 def test_a_point_without_a_different_map_passes_its_turn_to_the_next_point():

@@ -74,6 +74,8 @@ def test_ranges_are_what_decides():
     assert patches(masks["red"]) == [True, True, False, True]
     assert patches(masks["yellow"]) == [False, False, True, False]
     assert masks["road"].all()
+    masks = propose_masks(image, {**COLOURS, "yellow": COLOURS["red"]})
+    assert patches(masks["red"]) == [True, True, False, False] and not masks["yellow"].any()
     narrow = {**COLOURS, "road": Colour((0, 179), (0, 255), (0, 59))}
     assert not propose_masks(image, narrow)["road"][:6].any()
     assert not any(mask.any() for mask in propose_masks(np.full((96, 96, 3), 255, np.uint8)).values())

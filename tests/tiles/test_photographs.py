@@ -29,7 +29,7 @@ from elitelanes_jax.tiles.photographs.cutting import mask_cut
 from elitelanes_jax.tiles.photographs.proposals import SURE
 from elitelanes_jax.tiles.photographs.reading import read_lens
 from elitelanes_jax.tiles.photographs.views import View, places_of, view_of
-from elitelanes_jax.tiles.sides import measure_sides
+from elitelanes_jax.tiles.sides import describe_lanes, measure_sides
 
 TOWN = photographed.TOWN
 CORNERS = photographed.corners_of(3, 3)
@@ -100,6 +100,16 @@ def test_turns_of_a_lab_are_read_by_each_other():
     read = kinds.read_kinds(flat, 3, 4, load_tiles())
     np.testing.assert_array_equal(read.codes, TURNS)
     assert read.margins.min() > 0.3
+
+
+def test_a_cell_of_the_floor_counts_less_than_a_picture_of_the_set():
+    """Crossings of three and of four ways are more like each other than any other kinds are."""
+    cell = render(np.array([[10]], np.int8), tile_px=kinds.READ_PX, seed=0).image
+    flat = cv2.copyMakeBorder(np.hstack([cell, cell]), *(kinds.MARGIN_PX,) * 4, cv2.BORDER_REFLECT)
+    scores = np.zeros((1, 2, 16))
+    scores[0, 0, 10] = 0.9
+    compared = kinds._compare_cells(flat, scores)[0]
+    assert compared[0, 10] == 0.9 and 0.8 < compared[1, 10] <= 0.85
 
 
 def test_a_straight_that_is_laid_across_the_road_is_read():
@@ -183,6 +193,8 @@ def test_cuts_are_squares_of_their_kind_and_copies_are_named(shot, proposal):
     again = cut_tiles(shot, proposal, cuts)
     assert [cut.name for cut in again[:2]] == ["turn_5", "crossing3_3"]
     assert all(cut.copy_of for cut in again)
+    originals = {cut.name for cut in cuts if not cut.copy_of}
+    assert {cut.copy_of for cut in cut_tiles(shot, proposal, [*again, *cuts])} <= originals
     unsure = proposal._replace(sure=np.zeros((3, 3)).tolist())
     assert cut_tiles(shot, unsure) == []
 
@@ -527,6 +539,13 @@ def test_sides_are_measured_as_they_are_drawn(drawn_tiles):
             if side.separator is not None:
                 assert side.separator == pytest.approx(0.5, abs=0.01)
                 assert side.lane == pytest.approx(0.195, abs=0.003)
+
+
+def test_sides_without_a_separator_tell_no_offset_where_others_have_one(drawn_tiles):
+    tile = next(tile for tile in drawn_tiles.tiles if tile.yellow.any())
+    bare = tile._replace(yellow=np.zeros_like(tile.yellow))
+    alone, both, without = (describe_lanes(tiles, 0.2).splitlines()[-1] for tiles in ([tile], [tile, bare], [bare]))
+    assert both == alone != without
 
 
 def test_a_sliver_of_the_floor_is_no_road(drawn_tiles):

@@ -3,9 +3,10 @@
 import sys
 import zipfile
 
+import numpy as np
 import pytest
 
-from elitelanes_jax._util.checks import folder, real
+from elitelanes_jax._util.checks import clip_to_int32, folder, real
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.npz import unpack
 
@@ -19,6 +20,16 @@ def test_a_number_that_no_float_holds_is_refused(number):
     with pytest.raises(InputError, match="expected a number, 0 or more, got"):
         real(0)(number)
     assert real(0)(10**300) == 1e300 and real(0)(sys.float_info.max) == sys.float_info.max
+
+
+@pytest.mark.parametrize(
+    ("value", "clipped"),
+    [(2**31 - 1, 2**31 - 1), (2**31, 2**31 - 1), (-(2**31), -(2**31)), (-(2**31) - 1, -(2**31)), (2.0**40, 2.0**40)],
+)
+def test_whole_numbers_are_clipped_to_32_bits(value, clipped):
+    assert clip_to_int32(value) == clipped
+    if isinstance(value, int):
+        assert clip_to_int32(np.array(value)) == clipped
 
 
 def test_a_folder_with_the_long_name_of_a_file_is_refused_in_one_line():

@@ -292,6 +292,8 @@ def test_work_is_resumed_with_the_same_settings_alone(tmp_path):
         r"out: expected results with x \[3\], got results with .2.; delete .*-unfinished, or use force=True, to start"
     )
     refused(out, words, {"seed": 1, "more": {"x": [3]}})
+    # A setting that only the earlier run had is a difference, as one that only this run has.
+    refused(out, r"expected results with x None, got results with .2.; ", {"seed": 1, "more": {}})
     assert has_unfinished(out)
     with output_folder(out, {"seed": 2}, force=True) as work:
         assert not list(work.kept.iterdir())
