@@ -525,7 +525,9 @@ def _to_command(action: ArrayLike, params: LaneDriveParams) -> Array:
     if params.action == "wheels":
         return shares
     robot = params.robot
-    return to_wheels(shares[0] * robot.top_speed, shares[1] * robot.top_turn, robot)
+    # The speed is a product, and `to_wheels` adds to it.
+    speed = rounded(shares[0] * robot.top_speed)
+    return to_wheels(speed, shares[1] * robot.top_turn, robot)
 
 
 def _go_on(
