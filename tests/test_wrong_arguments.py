@@ -43,6 +43,7 @@ from elitelanes_jax.drive import (
     Pose,
     RoadNav,
     RoadNavParams,
+    auto_replay,
     auto_reset,
     distances,
     film,
@@ -296,6 +297,13 @@ WRONG = {
     ),
     "generations: expected a whole number, 0 or more, got -1": lambda: run(
         ea(road_problem((4, 4))), seed_keys(0, 2), -1
+    ),
+    "levels: expected one or more levels, got none": lambda: RoadNavParams(
+        jax.tree.map(lambda part: part[:0], levels())
+    ),
+    "params: expected options with levels, got 'easy'": lambda: auto_replay(RoadNav).reset(jax.random.key(0), "easy"),
+    "state: expected ReplayState, got RoadNavState(": lambda: auto_replay(RoadNav).observe(
+        begin(RoadNav, RoadNavParams)[1], RoadNavParams(levels())
     ),
     "level: expected one level (see random_level), got one of shape (1, 3, 3)": lambda: RoadNav.reset_to_level(
         jax.random.key(0), levels(), RoadNavParams(levels())
