@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, clip_to_int32
+from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive.lanes import single
 from elitelanes_jax.lanes.links import linked_codes
@@ -53,10 +53,10 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
       goal: a node. If the grid does not have it, all distances are `UNREACHABLE`.
 
     Raises:
-      InputError: for a bad grid, or a goal that is no `LaneNode`.
+      InputError: for a bad grid, or a goal that is no `LaneNode` of whole numbers.
     """
-    node = LaneNode(*map(clip_to_int32, check_named("goal", single(LaneNode), goal)))
-    return _distances(check_grid(grid), node)
+    goal = check_named("goal", single(LaneNode), goal)
+    return _distances(check_grid(grid), goal)
 
 
 @jax.jit
