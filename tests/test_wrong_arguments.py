@@ -54,6 +54,7 @@ from elitelanes_jax.drive import (
     make_levels,
     make_objects,
     make_rides,
+    make_scenes,
     make_sight,
 )
 from elitelanes_jax.drive._batch import Batch
@@ -281,6 +282,7 @@ WRONG = {
     "tile_px: expected 16 to 512 pixels a tile, got 8": lambda: make_sight(tile_px=8),
     "tiles: expected TileSet, got 'tiles'": lambda: make_sight("tiles"),
     "objects: expected ObjectSet, got {}": lambda: make_sight(objects={}),
+    "objects: expected ObjectSet, got 'none'": lambda: make_scenes(GRID, objects="none", tile_px=16),
     "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
     "niche: expected 2 indices, one for each grid, got [3]": lambda: insert(POPULATION, np.zeros(3, int), POPULATION),
     "populations: expected at least one, got none": lambda: truncate(count=3),

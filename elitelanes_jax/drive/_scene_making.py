@@ -42,9 +42,8 @@ def make_sight(
     Raises:
       InputError: for an argument of another type, or a bad size.
     """
-    tiles = load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
-    if objects is not None:
-        check_named("objects", instance(ObjectSet), objects)
+    tiles = _check_tiles(tiles)
+    _check_objects(objects)
     scaled = scale_tiles(tiles, check_tile_px(tile_px))
     views = None if objects is None else objects.views
     return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, views)
@@ -75,11 +74,13 @@ def make_scenes(
         pixels.
 
     Raises:
-      InputError: for no map, a map without a lane, a code or an object without a picture, a bad
-        size, or objects of more than 512 different pictures and tags.
+      InputError: for an argument of another type, no map, a map without a lane, a code or an object
+        without a picture, a bad size, or objects of more than 512 different pictures and tags.
     """
     road_maps = check_named("maps", as_maps, maps)
-    tiles = load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
+    tiles = _check_tiles(tiles)
+    # Maps without objects need no pictures of them, and the argument is checked all the same.
+    _check_objects(objects)
     if check_tile_px(tile_px) & (tile_px - 1):
         raise InputError(f"tile_px: expected 16, 32, 64, 128, 256 or 512, got {tile_px}")
     if not road_maps:
@@ -96,6 +97,16 @@ def make_scenes(
         billboards,
         tiles.lane_offset,
     )
+
+
+def _check_tiles(tiles: UserValue) -> TileSet:
+    """Returns the tile set; None is the package's own."""
+    return load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
+
+
+def _check_objects(objects: UserValue) -> None:
+    if objects is not None:
+        check_named("objects", instance(ObjectSet), objects)
 
 
 def _check_map(name: str, road_map: RoadMap, tiles: TileSet) -> None:
