@@ -28,7 +28,6 @@ from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
-from elitelanes_jax.drive._distances import UNREACHABLE
 from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import (
     LaneDrive,
@@ -91,6 +90,10 @@ _SIGHT_PX = 128
 # Tiles per second that the expert exceeds. It drives 0.3 m/s, which is 0.466 tiles per second if
 # each tile is a left turn, the longest movement.
 _PACE = 0.46
+# The fewest tiles from a start to its goal. A short ride may have fewer.
+_NEAREST_GOAL = 4
+# A day, whose poses take 31 MB a ride.
+_LONGEST = 86_400
 
 
 class Rides(NamedTuple):
@@ -133,7 +136,7 @@ def make_rides(
       count: N, the number of rides.
       policy: "route", the expert; "random", a driver that turns its wheels at random; or your own
         driver, a function from a `LaneDriveObservation` to the commands of both wheels, -1 to 1.
-      seconds: the length of a ride.
+      seconds: the longest time of a ride, over 0, up to 86,400.
       seed: the seed of starts, goals and everything random, 0 to 2**32 - 1.
       tiles: whose lanes are driven, and that the camera of your own driver shows; by default the
         package's own.
@@ -142,14 +145,14 @@ def make_rides(
       InputError: for a bad grid, a map without a lane, another policy, or one that fails or does
         not return two numbers.
     """
-    seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
+    check_seconds = real(0, _LONGEST, unit="seconds, a number", exclusive=True)
+    seconds = check_named("seconds", check_seconds, seconds)
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     check_named("seed", SEED, seed)
     level_key, ride_key = split(seed_key(seed))
-    # A number of seconds has no largest value, and a distance has.
-    furthest = int(min(max(_PACE * seconds, 1), UNREACHABLE))
-    nearest = min(4, furthest)
+    furthest = int(max(_PACE * seconds, 1))
+    nearest = min(_NEAREST_GOAL, furthest)
     codes = check_grid(grid)
     if not movements_of(codes).row.size:
         raise no_lane_error()
