@@ -230,11 +230,15 @@ def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
     return reach, reach * rays.forward + camera.forward
 
 
+def focal_length(camera: Camera, samples: int = 1) -> Array:
+    """Returns the focal length of a pinhole camera, in samples: `samples` times its pixels."""
+    return camera.rows * samples / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
+
+
 def rays_of(camera: Camera, samples: int = 1) -> Rays:
     """Returns the rays of pixels' centres, or of `samples` times `samples` points in each pixel."""
     rows, columns = camera.rows * samples, camera.columns * samples
-    # `focal` is the focal length of a pinhole camera, in samples.
-    focal = rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
+    focal = focal_length(camera, samples)
     right = (jnp.arange(columns, dtype=jnp.float32) + 0.5 - columns / 2) / focal
     down = ((jnp.arange(rows, dtype=jnp.float32) + 0.5 - rows / 2) / focal)[:, None]
     if camera.distortion is not None:

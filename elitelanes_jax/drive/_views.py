@@ -23,7 +23,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax.drive._camera import Camera, rays_of, reach_ground
+from elitelanes_jax.drive._camera import Camera, focal_length, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
 from elitelanes_jax.drive._objects import Floor, Objects, Rays, lie, stand
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
@@ -430,13 +430,17 @@ def _meet_ground(
     # describe the whole row.
     columns = rays.right.shape[1]
     middle = columns // 2
-    gap = (rays.right[0, -1] - rays.right[0, 0]) / max(columns - 1, 1)
+    if columns > 1:
+        gap = (rays.right[0, -1] - rays.right[0, 0]) / (columns - 1)
+    else:
+        # A single column has no neighbour. The distance to the next row is the same.
+        gap = 1 / focal_length(camera, samples)
     reach, ahead = reach_ground(camera, rays)
     seen = jnp.isfinite(ahead)
     ahead, reach = (jnp.where(seen, part, 0) / TILE for part in (ahead, reach))
     x_step, y_step = reach * sine * gap, reach * cosine * gap
     # With an even number of columns, the middle column is half a step beside the robot's axis.
-    offset = rays.right[0, middle] / gap if columns > 1 else 0.0
+    offset = rays.right[0, middle] / gap
     # The map has a border of one tile.
     x = 1 + pose.x + ahead * cosine + x_step * offset
     y = 1 + pose.y - ahead * sine + y_step * offset
