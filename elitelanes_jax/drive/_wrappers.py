@@ -23,6 +23,7 @@ from elitelanes_jax.drive._batch import (
     Batch,
     action_space,
     check_module,
+    check_render,
     flattened,
     observation_space,
 )
@@ -173,9 +174,10 @@ def gymnasium_env(
         "rgb_array".
 
     Raises:
-      InputError: for options out of their range, or another module.
+      InputError: for options out of their range, another module, or a `render` that is no function.
     """
     check_module(params, gymnasium, "gymnasium", "gymnasium", "Env")
+    check_render(render)
     # Gymnasium's environments do not reset by themselves.
     batch, draw = Batch(environment, params, 1, DISABLED), render
 
