@@ -308,24 +308,31 @@ def pose_beside(
     return pose._replace(theta=wrap_angle(pose.theta + (2 * angle - 1) * heading))
 
 
-def tile_at(
-    grid: Int[Array, "H W"], x: Float[ArrayLike, ""], y: Float[ArrayLike, ""]
-) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""], Bool[Array, ""]]:
-    """Returns the tile at a point, and whether the point is on the road.
+class Ground(NamedTuple):
+    """What is at a point of a map.
 
-    The tile is its row, its column and its code, which is 0 beyond the grid.
+    Attributes:
+      row: int32, the row of the tile.
+      column: int32, the column of the tile.
+      code: the code of the tile; 0 beyond the grid.
+      on_road: bool, whether the point is on the tile's road.
     """
+
+    row: Int[Array, ""]
+    column: Int[Array, ""]
+    code: Int[Array, ""]
+    on_road: Bool[Array, ""]
+
+
+def ground_at(grid: Int[Array, "H W"], x: Float[ArrayLike, ""], y: Float[ArrayLike, ""]) -> Ground:
+    """Returns the tile at a point, and whether the point is on its road."""
     height, width = grid.shape
     row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     # JAX would read the nearest cell for an index beyond the grid.
     code = jnp.where(inside, grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)], 0)
-    return (
-        row,
-        column,
-        code,
-        on_road(code, x - column.astype(jnp.float32), y - row.astype(jnp.float32)),
-    )
+    east, south = x - column.astype(jnp.float32), y - row.astype(jnp.float32)
+    return Ground(row, column, code, on_road(code, east, south))
 
 
 @name_wrong_arguments
@@ -365,9 +372,9 @@ def _lane_pose(
     grid: Array, pose: Pose, movement: Movement | None, *, lane_offset: float
 ) -> LanePose:
     links = linked_codes(grid)
-    row, column, code, road = tile_at(links, pose.x, pose.y)
+    ground = ground_at(links, pose.x, pose.y)
     if movement is None:
-        movement = nearest_movement(code, pose, row, column, lane_offset)
+        movement = nearest_movement(ground.code, pose, ground.row, ground.column, lane_offset)
     else:
         movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
     # A movement that the caller gives need not exist.
@@ -377,9 +384,9 @@ def _lane_pose(
         d,
         phi,
         s,
-        on_road=road,
-        own_lane=road & found & (jnp.abs(d) <= lane_offset),
-        oncoming=road & found & (d > lane_offset),
+        on_road=ground.on_road,
+        own_lane=ground.on_road & found & (jnp.abs(d) <= lane_offset),
+        oncoming=ground.on_road & found & (d > lane_offset),
         movement=movement,
         found=found,
     )
