@@ -62,6 +62,9 @@ _SEEDS = 3
 _NUMBERS = 9
 # The most further tries to draw a pose where the robot touches no object.
 _TRIES = 64
+# The largest pitch and field of view in degrees after a wobble. A camera looks straight down at 90.
+# At 180, the picture would have no focal length.
+_STEEPEST, _WIDEST = 90, 175
 
 
 class Views(NamedTuple):
@@ -312,8 +315,8 @@ def _plan_view(
     lower, tilt, wide = (1 + (2 * wobble - 1) * variation.wobble for wobble in wobbles)
     camera = camera.replace(
         height=camera.height * lower,
-        pitch=jnp.minimum(camera.pitch * tilt, 90),
-        field_of_view=jnp.minimum(camera.field_of_view * wide, 175),
+        pitch=jnp.minimum(camera.pitch * tilt, _STEEPEST),
+        field_of_view=jnp.minimum(camera.field_of_view * wide, _WIDEST),
     )
     stretch = None
     if variation.lines is not None:
