@@ -25,7 +25,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._camera import Camera, focal_length, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
-from elitelanes_jax.drive._objects import Floor, Objects, Rays, lie, stand
+from elitelanes_jax.drive._objects import Floor, Objects, Rays, lie, stand, stands_on
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.drive._variation import (
     LOOK_NUMBERS,
@@ -375,13 +375,9 @@ def _draw_pose(
     if objects is None:
         return place(numbers)
 
-    def touches(pose: Pose) -> Array:
-        distance = jnp.hypot(objects.x - pose.x, objects.y - pose.y) * TILE
-        return ((objects.radius > 0) & (distance <= objects.radius + _ROBOT)).any()
-
     def is_bad(carry: tuple[Array, Pose]) -> Array:
         attempt, pose = carry
-        return (attempt < _TRIES) & touches(pose)
+        return (attempt < _TRIES) & stands_on(objects, pose, _ROBOT)
 
     def retry(carry: tuple[Array, Pose]) -> tuple[Array, Pose]:
         attempt, _ = carry

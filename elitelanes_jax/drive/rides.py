@@ -39,7 +39,7 @@ from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive._scene_making import make_sight
 from elitelanes_jax.drive.lanes import Pose, lane_point
-from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
@@ -81,10 +81,21 @@ _ROOM = 2**20
 _BATCH = 32
 # The height of a film and the largest width of the map in it, in pixels.
 _HEIGHT, _WIDEST = 480, 1280
+# The width of the camera's picture in a film, in pixels.
+_VIEW_WIDTH = 640
 # The most objects in a view.
 _MOST_SEEN = 32
 # The bits of the fraction of a pixel.
 _BITS = 4
+# Measures of trails and robots as shares of a tile's side, because maps differ in size.
+_LINE = 1 / 20
+_START_RADIUS = 1 / 12
+_GOAL_RADIUS = 0.18
+_OUTLINE = 1 / 40
+_ROBOT_LENGTH = 0.18 / TILE
+_ROBOT_WIDTH = Robot.width / TILE
+# Red, green and blue of the robot.
+_ROBOT_FILL, _ROBOT_EDGE = (255, 255, 255), (20, 20, 20)
 # The side of a tile in the pictures that a policy observes, in pixels.
 _SIGHT_PX = 128
 # Tiles per second that the expert exceeds. It drives 0.3 m/s, which is 0.466 tiles per second if
@@ -427,7 +438,7 @@ def _make_scene(road_map: RoadMap, picture: Picture, size: int) -> _Scene:
     # Each cell has its own picture, because blended tiles all differ.
     atlas = make_atlas(_cells(picture.image, size), _cells(picture.labels, size))
     cells = jnp.arange(codes.size, dtype=jnp.int32).reshape(codes.shape)
-    camera = Camera(rows=_HEIGHT, columns=640, objects=_MOST_SEEN)
+    camera = Camera(rows=_HEIGHT, columns=_VIEW_WIDTH, objects=_MOST_SEEN)
     objects = None
     billboards = None
     if road_map.objects:
@@ -560,32 +571,32 @@ def _draw_trail(
 ) -> None:
     colour = _COLOURS[index % len(_COLOURS)]
     points = np.stack([rides.x[index], rides.y[index]], axis=1)[: int(steps) + 1]
-    # All measures are shares of a tile's side, because maps differ in size.
-    thick = max(round(side / 20), 1)
+    thick = max(round(side * _LINE), 1)
     dots = _dots(points, side)
     cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)
-    cv2.circle(
-        picture, dots[0, 0].tolist(), round(side / 12 * 2**_BITS), colour, -1, cv2.LINE_AA, _BITS
-    )
+    start = dots[0, 0].tolist()
+    radius = round(side * _START_RADIUS * 2**_BITS)
+    # OpenCV fills a circle whose thickness is -1.
+    cv2.circle(picture, start, radius, colour, -1, cv2.LINE_AA, _BITS)
     ring = _dots(goal, side)[0, 0].tolist()
-    cv2.circle(picture, ring, round(side * 0.18 * 2**_BITS), colour, thick, cv2.LINE_AA, _BITS)
+    radius = round(side * _GOAL_RADIUS * 2**_BITS)
+    cv2.circle(picture, ring, radius, colour, thick, cv2.LINE_AA, _BITS)
 
 
 def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, side: float) -> None:
     """Draws a robot as a triangle, whose tip is ahead."""
-    length = 0.18 / TILE
-    half_width = 0.075 / TILE
     # The picture's y points down, and angles are counter-clockwise.
     ahead = np.array([np.cos(theta), -np.sin(theta)])
     left = np.array([-np.sin(theta), -np.cos(theta)])
     middle = np.array([x, y])
-    rear_left = middle + -length / 2 * ahead + half_width * left
-    rear_right = middle + -length / 2 * ahead + -half_width * left
-    tip = middle + length / 2 * ahead
+    tip = middle + _ROBOT_LENGTH / 2 * ahead
+    rear = middle - _ROBOT_LENGTH / 2 * ahead
+    rear_left = rear + _ROBOT_WIDTH / 2 * left
+    rear_right = rear - _ROBOT_WIDTH / 2 * left
     shape = _dots(np.array([rear_left, rear_right, tip]), side)
-    thickness = max(round(side / 40), 1)
-    cv2.fillPoly(picture, [shape], (255, 255, 255), cv2.LINE_AA, _BITS)
-    cv2.polylines(picture, [shape], True, (20, 20, 20), thickness, cv2.LINE_AA, _BITS)
+    thickness = max(round(side * _OUTLINE), 1)
+    cv2.fillPoly(picture, [shape], _ROBOT_FILL, cv2.LINE_AA, _BITS)
+    cv2.polylines(picture, [shape], True, _ROBOT_EDGE, thickness, cv2.LINE_AA, _BITS)
 
 
 def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
