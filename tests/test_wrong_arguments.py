@@ -56,6 +56,7 @@ from elitelanes_jax.drive import (
     make_rides,
     make_scenes,
     make_sight,
+    random_pose,
 )
 from elitelanes_jax.drive._batch import Batch
 from elitelanes_jax.drive._camera import pack_sight
@@ -348,6 +349,9 @@ WRONG = {
     ),
     "chosen: expected tiles of the 8 pictures, each an index and 0 to 3 quarter turns, got 9 and 0": lambda: look_at(
         np.zeros((1, 1), int), chosen=[[[9, 0]]]
+    ),
+    "offset: expected float [] or a number, got [0.1, 0.2]": lambda: random_pose(
+        jax.random.key(0), RING, offset=[0.1, 0.2]
     ),
     "pose: expected one Pose; jax.vmap takes several; got Pose(x=[0.5, 1.5]": lambda: lane_pose(
         GRID, Pose([0.5, 1.5], [0.5, 1.5], [0, 0])

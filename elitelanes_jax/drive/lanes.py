@@ -244,8 +244,8 @@ def random_pose(
     key: Key[Array, ""],
     grid: Int[ArrayLike, "H W"],
     *,
-    offset: ArrayLike = 0.1,
-    heading: ArrayLike = np.pi / 6,
+    offset: Float[ArrayLike, ""] = 0.1,
+    heading: Float[ArrayLike, ""] = np.pi / 6,
     lane_offset: float = LANE_OFFSET,
 ) -> Pose:
     """Draws a pose on the lanes of a grid, as datasets of robots' views do.
@@ -372,6 +372,7 @@ def _lane_pose(
     grid: Array, pose: Pose, movement: Movement | None, *, lane_offset: float
 ) -> LanePose:
     links = linked_codes(grid)
+    pose = Pose(*(jnp.asarray(part, jnp.float32) for part in pose))
     ground = ground_at(links, pose.x, pose.y)
     if movement is None:
         movement = nearest_movement(ground.code, pose, ground.row, ground.column, lane_offset)

@@ -216,6 +216,15 @@ def test_compiled_or_not_and_many_at_once_it_is_the_same(grid, locate):
             np.testing.assert_allclose(alone, batched, atol=1e-6)
 
 
+def test_a_pose_of_64_bits_has_figures_of_32(grid):
+    jax.config.update("jax_enable_x64", True)
+    try:
+        found = lane_pose(grid, Pose(*np.float64([1.5, 0.25, 3])))
+        assert found.d.dtype == found.phi.dtype == found.s.dtype == np.float32
+    finally:
+        jax.config.update("jax_enable_x64", False)
+
+
 def test_a_wrong_grid_is_refused():
     pose = Pose(0.5, 0.5, 0.0)
     with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got 16"):
