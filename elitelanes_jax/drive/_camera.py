@@ -347,12 +347,15 @@ def _chosen_tiles(
             f"chosen: expected integers of shape {(*shape, 2)}, "
             f"got {chosen.dtype} of shape {chosen.shape}"
         )
+    # In 8 bits, four times an index may overflow.
+    chosen = chosen.astype(jnp.int32)
     # Traced pictures are unknown, and are not checked.
     if not isinstance(chosen, jax.core.Tracer):
-        pictures = np.asarray(chosen).reshape(-1, 2)
-        is_missing = ~_has_tile(*pictures.T, count)
+        indices, quarters = np.asarray(chosen).reshape(-1, 2).T
+        is_missing = ~_has_tile(indices, quarters, count)
         if is_missing.any():
-            index, turns = pictures[is_missing.argmax()]
+            first = is_missing.argmax()
+            index, turns = indices[first], quarters[first]
             raise InputError(
                 f"chosen: expected tiles of the {count} pictures, "
                 f"each an index and 0 to 3 quarter turns, got {index} and {turns}"

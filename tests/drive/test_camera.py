@@ -207,3 +207,11 @@ def test_faults_are_named():
         words = f"0 to 3 quarter turns, got {tile[0]} and {tile[1]} for code 6$"
         with pytest.raises(InputError, match=f"^rotations: expected tiles of the 8 pictures, .* {words}"):
             pack_sight(shades, shades[..., 0], {0: [(0, 0)], 6: [tile]})
+
+
+def test_chosen_pictures_may_have_8_bits():
+    pictures = np.zeros((260, 1, 1, 3), np.uint8)
+    pictures[256] = 200
+    sight = pack_sight(pictures, np.zeros((260, 1, 1), np.uint8), {0: [(0, 0)]}, Camera(rows=4, columns=4, pitch=90))
+    view = look(Pose(0.5, 0.5, 0.0), [[0]], sight, chosen=np.array([[[64, 0]]], np.uint8))
+    assert (view.image == 200).all()
