@@ -39,24 +39,32 @@ from elitelanes_jax.benchmark import (
 from elitelanes_jax.benchmark import run as run_search
 from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.drive import (
+    Camera,
     LaneDrive,
     LaneDriveParams,
     LaneNode,
     Pose,
     RoadNav,
     RoadNavParams,
+    auto_replay,
     auto_reset,
     distances,
     film,
     lane_pose,
+    look,
     make,
     make_levels,
+    make_objects,
     make_rides,
+    make_scenes,
     make_sight,
+    random_pose,
 )
 from elitelanes_jax.drive._batch import Batch
+from elitelanes_jax.drive._camera import pack_sight
 from elitelanes_jax.explorer._collect import collect
-from elitelanes_jax.formats import without_dead_ends
+from elitelanes_jax.formats import MapObject, without_dead_ends
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.maps import FormatOptions, PackSpec, furnish
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.optimizers import (
@@ -112,6 +120,12 @@ def begin(environment, params):
 
 def drive_by(action):
     return LaneDrive.step(*begin(LaneDrive, LaneDriveParams), np.array(action), LaneDriveParams(levels()))
+
+
+def look_at(grid, pose=None, **options):
+    pose = pose or Pose(0.5, 0.5, 0.0)
+    pictures, labels = np.zeros((8, 8, 8, 3), np.uint8), np.zeros((8, 8, 8), np.uint8)
+    return look(pose, grid, pack_sight(pictures, labels, {0: [(0, 0)]}, Camera(rows=6, columns=8)), **options)
 
 
 def step_with(environment, key, action=(0, 0)):
@@ -272,6 +286,7 @@ WRONG = {
     "tile_px: expected 16 to 512 pixels a tile, got 8": lambda: make_sight(tile_px=8),
     "tiles: expected TileSet, got 'tiles'": lambda: make_sight("tiles"),
     "objects: expected ObjectSet, got {}": lambda: make_sight(objects={}),
+    "objects: expected ObjectSet, got 'none'": lambda: make_scenes(GRID, objects="none", tile_px=16),
     "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
     "niche: expected 2 indices, one for each grid, got [3]": lambda: insert(POPULATION, np.zeros(3, int), POPULATION),
     "populations: expected at least one, got none": lambda: truncate(count=3),
@@ -301,11 +316,45 @@ WRONG = {
     "generations: expected a whole number, 0 or more, got -1": lambda: run(
         ea(road_problem((4, 4))), seed_keys(0, 2), -1
     ),
+    "levels: expected one or more levels, got none": lambda: RoadNavParams(
+        jax.tree.map(lambda part: part[:0], levels())
+    ),
+    "params: expected options with levels, got 'easy'": lambda: auto_replay(RoadNav).reset(jax.random.key(0), "easy"),
+    "state: expected ReplayState, got RoadNavState(": lambda: auto_replay(RoadNav).observe(
+        begin(RoadNav, RoadNavParams)[1], RoadNavParams(levels())
+    ),
     "level: expected one level (see random_level), got one of shape (1, 3, 3)": lambda: RoadNav.reset_to_level(
         jax.random.key(0), levels(), RoadNavParams(levels())
     ),
     "level: expected one level (see random_level), got an array": lambda: LaneDrive.reset_to_level(
         jax.random.key(0), RING, LaneDriveParams(levels())
+    ),
+    "movement: expected Movement of whole numbers, got Movement(row=0.5": lambda: lane_pose(
+        GRID, Pose(0.5, 0.5, 0), Movement(0.5, 0, 0, 0)
+    ),
+    "movement: expected one Movement; jax.vmap takes several; got": lambda: lane_pose(
+        GRID, Pose(0.5, 0.5, 0), Movement(*np.zeros((4, 2), int))
+    ),
+    "goal: expected LaneNode of whole numbers, got LaneNode(row=0.5": lambda: distances(GRID, LaneNode(0.5, 0, 0)),
+    "grid: expected tile codes 0 to 15, got 16": lambda: look_at(np.full((2, 2), 16)),
+    "grid: expected integer tile codes, got float64": lambda: look_at(np.zeros((2, 2))),
+    "pose: expected one Pose; jax.vmap takes several; got Pose(x=array([0.5, 0.5])": lambda: look_at(
+        GRID, Pose(*np.full((3, 2), 0.5))
+    ),
+    "objects: expected those of one map; jax.vmap takes several; got shape [1, 1]": lambda: look_at(
+        GRID, objects=make_objects([RoadMap(GRID, objects=(MapObject("duckie", 0.5, 0.5, 0.0, 0.1),))])
+    ),
+    "chosen: expected integers of shape (2, 2, 2), got int32 of shape (3, 3, 2)": lambda: look_at(
+        np.zeros((2, 2), int), chosen=np.zeros((3, 3, 2), np.int32)
+    ),
+    "chosen: expected integers of shape (2, 2, 2), got float32": lambda: look_at(
+        np.zeros((2, 2), int), chosen=np.zeros((2, 2, 2), np.float32)
+    ),
+    "chosen: expected tiles of the 8 pictures, each an index and 0 to 3 quarter turns, got 9 and 0": lambda: look_at(
+        np.zeros((1, 1), int), chosen=[[[9, 0]]]
+    ),
+    "offset: expected float [] or a number, got [0.1, 0.2]": lambda: random_pose(
+        jax.random.key(0), RING, offset=[0.1, 0.2]
     ),
     "pose: expected one Pose; jax.vmap takes several; got Pose(x=[0.5, 1.5]": lambda: lane_pose(
         GRID, Pose([0.5, 1.5], [0.5, 1.5], [0, 0])

@@ -144,6 +144,15 @@ def check_module(params: Pytree, module: Untyped, name: str, argument: str, need
         )
 
 
+def check_render(render: UserValue) -> None:
+    """Checks the function that draws a state, or None."""
+    if render is not None and not callable(render):
+        raise InputError(
+            "render: expected a function that takes a state and returns a picture, or None, "
+            f"got {shorten(repr(render))}"
+        )
+
+
 def action_space(environment: Environment, spaces: Untyped) -> Untyped:
     """Returns the space of actions of an environment, from a module with `Discrete` and `Box`."""
     if environment.actions is not None:

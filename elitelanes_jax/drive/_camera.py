@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int, Int32, Key, UInt8, UInt32
+from jaxtyping import Array, ArrayLike, Int, Int32, Key, UInt8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
@@ -24,9 +24,10 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._hashing import fork, hash_normal
 from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, stand
-from elitelanes_jax.drive.lanes import Pose
+from elitelanes_jax.drive.lanes import Pose, single
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.bits import mix
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import once
 
@@ -195,38 +196,26 @@ def _list_tiles(
     for code in range(16):
         tiles_of_code = []
         for index, turns in rotations.get(code) or rotations[0]:
-            tile = 4 * index + turns
-            if not (0 <= turns < 4 and 0 <= tile < count):
+            if not _has_tile(index, turns, count):
                 raise InputError(
                     f"rotations: expected tiles of the {count} pictures, "
                     "each an index and 0 to 3 quarter turns, "
                     f"got {index} and {turns} for code {code}"
                 )
-            tiles_of_code.append(tile)
+            tiles_of_code.append(4 * index + turns)
         rows.append(tiles_of_code)
     longest = max(map(len, rows))
     # Repeats make all rows equally long.
     return np.array([np.resize(row, longest) for row in rows], np.int32)
 
 
-@runs_jax
-@divide_batches
-def ground_points(
-    camera: Camera,
-) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
-    """Returns where the ray of each pixel's centre meets the ground.
+def _has_tile(index: AnyArray, turns: AnyArray, count: int) -> AnyArray:
+    """Returns whether an atlas of `count` tiles has the picture of an index, turned by quarters.
 
-    The position is relative to the middle between the wheels.
-
-    Returns:
-      Tiles ahead and tiles to the left. Above the horizon both are infinite.
+    The arguments are numbers or arrays.
     """
-    rays = rays_of(camera)
-    reach, ahead = reach_ground(camera, rays)
-    # The inner selection avoids infinity times 0, which is NaN.
-    left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * rays.right)
-    shape = (camera.rows, camera.columns)
-    return jnp.broadcast_to(ahead, shape) / TILE, jnp.broadcast_to(left, shape) / TILE
+    tile = 4 * index + turns
+    return (turns >= 0) & (turns < 4) & (tile >= 0) & (tile < count)
 
 
 def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
@@ -241,11 +230,15 @@ def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
     return reach, reach * rays.forward + camera.forward
 
 
+def focal_length(camera: Camera, samples: int = 1) -> Array:
+    """Returns the focal length of a pinhole camera, in samples: `samples` times its pixels."""
+    return camera.rows * samples / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
+
+
 def rays_of(camera: Camera, samples: int = 1) -> Rays:
     """Returns the rays of pixels' centres, or of `samples` times `samples` points in each pixel."""
     rows, columns = camera.rows * samples, camera.columns * samples
-    # `focal` is the focal length of a pinhole camera, in samples.
-    focal = rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
+    focal = focal_length(camera, samples)
     right = (jnp.arange(columns, dtype=jnp.float32) + 0.5 - columns / 2) / focal
     down = ((jnp.arange(rows, dtype=jnp.float32) + 0.5 - rows / 2) / focal)[:, None]
     if camera.distortion is not None:
@@ -317,12 +310,22 @@ def look(
       indices of `tiles.LABELS`, 0 beyond the map, above the horizon and on objects; and
       `instances`, int32 ``[rows, columns]``, 0, or the index of the object that is seen plus 1;
       None without objects.
+
+    Raises:
+      InputError: for a bad grid, a pose that is not a `Pose`, objects of several maps, or chosen
+        pictures that do not fit the grid or that the sight does not have.
     """
+    pose = check_named("pose", single(Pose), pose)
+    codes = jnp.asarray(check_grid(grid))
+    if objects is not None and np.ndim(objects.kind) != 1:
+        shape = list(np.shape(objects.kind))
+        raise InputError(
+            f"objects: expected those of one map; jax.vmap takes several; got shape {shape}"
+        )
     if chosen is None:
-        tiles = _tiles_of(jnp.asarray(grid), sight)
+        tiles = _tiles_of(codes, sight)
     else:
-        pictures = jnp.asarray(chosen)
-        tiles = pictures[..., 0] * 4 + pictures[..., 1]
+        tiles = _chosen_tiles(jnp.asarray(chosen), codes.shape, len(sight.atlas))
     if key is None:
         # Environments observe without a key. The noise is hashed from the pose instead.
         seed = jnp.uint32(0)
@@ -333,6 +336,31 @@ def look(
         # The noise of all pixels is hashed from one draw.
         seed = jax.random.bits(key, (), jnp.uint32)
     return render_view(seed, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)
+
+
+def _chosen_tiles(
+    chosen: Int[Array, "H W 2"], shape: tuple[int, ...], count: int
+) -> Int[Array, "H W"]:
+    """Returns the tile of an atlas of `count` tiles that each cell shows, from its picture."""
+    if chosen.shape != (*shape, 2) or not jnp.issubdtype(chosen.dtype, jnp.integer):
+        raise InputError(
+            f"chosen: expected integers of shape {(*shape, 2)}, "
+            f"got {chosen.dtype} of shape {chosen.shape}"
+        )
+    # In 8 bits, four times an index may overflow.
+    chosen = chosen.astype(jnp.int32)
+    # Traced pictures are unknown, and are not checked.
+    if not isinstance(chosen, jax.core.Tracer):
+        indices, quarters = np.asarray(chosen).reshape(-1, 2).T
+        is_missing = ~_has_tile(indices, quarters, count)
+        if is_missing.any():
+            first = is_missing.argmax()
+            index, turns = indices[first], quarters[first]
+            raise InputError(
+                f"chosen: expected tiles of the {count} pictures, "
+                f"each an index and 0 to 3 quarter turns, got {index} and {turns}"
+            )
+    return 4 * chosen[..., 0] + chosen[..., 1]
 
 
 def _tiles_of(grid: Int[Array, "H W"], sight: Sight) -> Int[Array, "H W"]:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, clip_to_int32
+from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive.lanes import single
 from elitelanes_jax.lanes.links import linked_codes
@@ -23,6 +23,9 @@ NO_WAY = 3
 
 # The sweeps between two checks for changes.
 _SWEEPS = 4
+
+# A distance in int16 that no way has. A sweep may add 1 to it without an overflow.
+_FAR_INT16 = 2**14
 
 
 @name_wrong_arguments
@@ -53,10 +56,10 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
       goal: a node. If the grid does not have it, all distances are `UNREACHABLE`.
 
     Raises:
-      InputError: for a bad grid, or a goal that is no `LaneNode`.
+      InputError: for a bad grid, or a goal that is no `LaneNode` of whole numbers.
     """
-    node = LaneNode(*map(clip_to_int32, check_named("goal", single(LaneNode), goal)))
-    return _distances(check_grid(grid), node)
+    goal = check_named("goal", single(LaneNode), goal)
+    return _distances(check_grid(grid), goal)
 
 
 @jax.jit
@@ -85,8 +88,8 @@ def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
     ways = jnp.zeros(onward.shape[1:], jnp.uint8)
     for heading in range(4):
         # The first of equal turns is taken, which `shortest_ways` promises.
-        three = onward[EXIT[heading]]
-        turn = jnp.where(three.min(axis=0) < UNREACHABLE, three.argmin(axis=0), NO_WAY)
+        by_turn = onward[EXIT[heading]]
+        turn = jnp.where(by_turn.min(axis=0) < UNREACHABLE, by_turn.argmin(axis=0), NO_WAY)
         ways |= turn.astype(jnp.uint8) << (2 * heading)
     return ways
 
@@ -99,9 +102,10 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
     """
     height, width = links.shape
     # The longest way visits each node once. Small numbers are faster if they suffice.
-    dtype = jnp.int16 if 4 * height * width < 2**14 else jnp.int32
-    # No way is as long as this number, and a sweep may add 1 to it without an overflow.
-    far = dtype(2**14) if dtype == jnp.int16 else dtype(UNREACHABLE)
+    if 4 * height * width < _FAR_INT16:
+        dtype, far = jnp.int16, jnp.int16(_FAR_INT16)
+    else:
+        dtype, far = jnp.int32, jnp.int32(UNREACHABLE)
     headings, rows, columns = np.ogrid[:4, :height, :width]
     at_goal = (rows == goal.row) & (columns == goal.column) & (headings == goal.heading)
     # A goal that the grid does not have stays unreachable.
@@ -151,7 +155,7 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
     # the same devices as the later ones.
     reached, _ = jax.lax.while_loop(lambda carry: carry[1], sweep_on, (first, links.any() | True))
 
-    def plain(numbers: Array) -> Array:
-        return jnp.where(numbers >= far, UNREACHABLE, numbers.astype(jnp.int32))
+    def to_int32(lengths: Array) -> Array:
+        return jnp.where(lengths >= far, UNREACHABLE, lengths.astype(jnp.int32))
 
-    return plain(reached), plain(jnp.stack(onward(reached)))
+    return to_int32(reached), to_int32(jnp.stack(onward(reached)))

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Key
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import Check, check_named, instance
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._levels import Level
@@ -156,6 +157,9 @@ def auto_replay(environment: Environment) -> Environment:
     check_named("environment", instance(Environment), environment)
 
     def reset(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, ReplayState]:
+        if not hasattr(params, "levels"):
+            got = shorten(repr(params))
+            raise InputError(f"params: expected options with levels, got {got}")
         return reset_to_level(key, draw_level(key, params.levels), params)
 
     def reset_to_level(
@@ -176,9 +180,12 @@ def auto_replay(environment: Environment) -> Environment:
             state=ReplayState(next_state, state.level),
         )
 
+    def observe(state: ReplayState, params: Pytree) -> Pytree:
+        return environment.observe(state.state, params)
+
     return environment._replace(
-        reset=reset,
-        reset_to_level=reset_to_level,
+        reset=name_wrong_arguments(reset),
+        reset_to_level=name_wrong_arguments(reset_to_level),
         step=name_wrong_arguments(step),
-        observe=lambda state, params: environment.observe(state.state, params),
+        observe=name_wrong_arguments(observe),
     )

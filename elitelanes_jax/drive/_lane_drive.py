@@ -25,11 +25,11 @@ from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive._objects import Objects, stands_on, touches
 from elitelanes_jax.drive.lanes import (
     Pose,
+    ground_at,
     lane_curvature,
     lane_errors,
     lane_length,
     lane_point,
-    tile_at,
     wrap_angle,
 )
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive, still, to_wheels
@@ -355,7 +355,6 @@ class _Events(NamedTuple):
     entered: Array
     success: Array
     off_road: Array
-    # The tiles driven along the lane.
     along: Array
     collision: Array | None
 
@@ -459,25 +458,25 @@ def _move(
     pose, wheels = drive(
         jax.random.fold_in(key, 0), state.pose, state.wheels, _to_command(action, params), robot
     )
-    movement, next_turn, entered, astray = _go_on(jax.random.fold_in(key, 1), state, pose, params)
-    d, phi, s = lane_errors(pose, movement, params.lane_offset)
+    course = _go_on(jax.random.fold_in(key, 1), state, pose, params)
+    d, phi, s = lane_errors(pose, course.movement, params.lane_offset)
     # The points at both sides of the robot have to be on the road.
     reach = robot.width / 2 / TILE
-    beside = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
-    *_, left = tile_at(grid, pose.x + beside[0], pose.y + beside[1])
-    *_, right = tile_at(grid, pose.x - beside[0], pose.y - beside[1])
-    here, goal = movement.node, state.goal
+    east, south = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
+    left = ground_at(grid, pose.x + east, pose.y + south).on_road
+    right = ground_at(grid, pose.x - east, pose.y - south).on_road
+    here, goal = course.movement.node, state.goal
     # The goal counts only on the lane that leads to it, so the heading is compared, too.
     success = (
-        entered
+        course.entered
         & (here.row == goal.row)
         & (here.column == goal.column)
         & (here.heading == goal.heading)
     )
     success &= params.task == "route"
     # On this tile no turn is open: the lane has ended.
-    laneless = (_turns_of(grid[here.row, here.column], here.heading) & 3) == 0
-    off_road = ~success & (astray | laneless | ~(left & right))
+    laneless = _count_open(_turns_of(grid[here.row, here.column], here.heading)) == 0
+    off_road = ~success & (course.astray | laneless | ~(left & right))
     facing = jnp.cos(phi)
     # Only the part of the speed in the lane's direction is progress.
     along = wheels.speed * robot.dt / TILE * facing
@@ -492,13 +491,13 @@ def _move(
     moved = {
         "pose": pose,
         "wheels": wheels,
-        "movement": movement,
-        "next_turn": next_turn,
+        "movement": course.movement,
+        "next_turn": course.next_turn,
         "d": d,
         "phi": phi,
         "s": s,
     }
-    return moved, _Events(entered, success, off_road, along, collision)
+    return moved, _Events(course.entered, success, off_road, along, collision)
 
 
 @name_wrong_arguments
@@ -525,16 +524,29 @@ def _to_command(action: ArrayLike, params: LaneDriveParams) -> Array:
     if params.action == "wheels":
         return shares
     robot = params.robot
-    return to_wheels(shares[0] * robot.top_speed, shares[1] * robot.top_turn, robot)
+    # The speed is a product, and `to_wheels` adds to it.
+    speed = rounded(shares[0] * robot.top_speed)
+    return to_wheels(speed, shares[1] * robot.top_turn, robot)
 
 
-def _go_on(
-    key: Array, state: LaneDriveState, pose: Pose, params: LaneDriveParams
-) -> tuple[Movement, Array, Array, Array]:
-    """Returns the movement and the next turn at a new pose, and two bools: entered and astray.
+class _Course(NamedTuple):
+    """Where a robot goes from a new pose.
 
-    Entered: the robot came to another tile by a road. Astray: it came to another tile without one.
+    Attributes:
+      movement: the movement of the lane that it follows.
+      next_turn: int32, the turn of the movement on the next tile.
+      entered: bool, whether it came to another tile by a road.
+      astray: bool, whether it came to another tile without a road.
     """
+
+    movement: Movement
+    next_turn: Array
+    entered: Array
+    astray: Array
+
+
+def _go_on(key: Array, state: LaneDriveState, pose: Pose, params: LaneDriveParams) -> _Course:
+    """Returns the course of a robot that has come to a new pose."""
     before, grid = state.movement, state.grid
     read = partial(_at, (grid, state.ways))
     down = jnp.floor(pose.y).astype(jnp.int32) - before.row
@@ -543,8 +555,8 @@ def _go_on(
     heading, entered = jnp.int32(0), jnp.bool_(False)
     for index, side in enumerate(SIDES):
         # Roads lead to the four neighbours alone. On any other tile the robot is astray.
-        this = (down == side.down) & (right == side.right) & (code & side.bit > 0)
-        heading, entered = jnp.where(this, index, heading), entered | this
+        is_way = (down == side.down) & (right == side.right) & (code & side.bit > 0)
+        heading, entered = jnp.where(is_way, index, heading), entered | is_way
     astray = ~entered & ((down != 0) | (right != 0))
     node = LaneNode(
         jnp.where(entered, before.row + down, before.row),
@@ -553,13 +565,13 @@ def _go_on(
     )
     # A robot that leaves its tile as its movement says makes the turn that was announced. Any other
     # way is followed with a turn of its own.
-    as_meant = heading == before.next_node.heading
+    is_announced = heading == before.next_node.heading
     bits = random_bits(key, (2,)) if params.task == "lane" else jnp.zeros(2, jnp.uint32)
     other = _choose_turn(bits[0], read, node, params)
-    turn = jnp.where(entered, jnp.where(as_meant, state.next_turn, other), before.turn)
+    turn = jnp.where(entered, jnp.where(is_announced, state.next_turn, other), before.turn)
     movement = Movement(*node, turn)
     onward = _choose_turn(bits[1], read, movement.next_node, params)
-    return movement, jnp.where(entered, onward, state.next_turn), entered, astray
+    return _Course(movement, jnp.where(entered, onward, state.next_turn), entered, astray)
 
 
 def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDriveParams) -> Array:
@@ -572,18 +584,17 @@ def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDrivePa
     turns = _turns_of(code, node.heading)
     if params.task == "lane":
         # The table lists the open turns, so one draw among their number is enough.
-        lot = randint(bits, jnp.maximum(turns & 3, 1))
-        return turns >> (2 * lot + 2) & 3
-    way = way.astype(jnp.int32) >> (2 * node.heading) & 3
+        return _open_turn(turns, randint(bits, jnp.maximum(_count_open(turns), 1)))
     # A way has the turns of all four headings, two bits each.
-    return jnp.where(way == NO_WAY, turns >> 2 & 3, way)
+    turn = way.astype(jnp.int32) >> (2 * node.heading) & 3
+    return jnp.where(turn == NO_WAY, _open_turn(turns, 0), turn)
 
 
 def _pack_turns(is_open: NDArray[np.bool_]) -> int:
     """Packs the open turns of a tile for a heading.
 
-    The result has the number of open turns in two bits, and two bits for each turn. If no turn is
-    open, the number is 0, and straight on follows.
+    The lowest two bits are the number of open turns, which `_count_open` reads. Two bits for each
+    open turn follow, which `_open_turn` reads. If no turn is open, straight on follows.
     """
     # One number with all open turns replaces a loop over turns in each step.
     open_turns = np.flatnonzero(is_open).tolist()
@@ -599,6 +610,16 @@ _TURNS = np.array([_pack_turns(is_open) for is_open in MOVEMENTS.reshape(-1, 3)]
 
 def _turns_of(code: Array, heading: Array) -> Array:
     return jnp.asarray(_TURNS)[code.astype(jnp.int32) * 4 + heading]
+
+
+def _count_open(turns: Array) -> Array:
+    """Returns the number of open turns, 0 to 3, of packed turns."""
+    return turns & 3
+
+
+def _open_turn(turns: Array, index: Numeric) -> Array:
+    """Returns an open turn of packed turns, in the order right, straight, left."""
+    return turns >> (2 * index + 2) & 3
 
 
 LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, action_size=2)

@@ -188,8 +188,11 @@ def _random_levels(keys: Array, grids: Array, least: Numeric, most: Numeric) -> 
 
 
 def check_batch(levels: UserValue) -> Level:
-    """Checks that a value is a batch of levels, but not the levels."""
-    return _check_axes(levels, 3, "a batch of levels (see make_levels)")
+    """Checks that a value is a batch of one or more levels, but not the levels."""
+    batch = _check_axes(levels, 3, "a batch of levels (see make_levels)")
+    if not batch.grid.shape[0]:
+        raise InputError("expected one or more levels, got none")
+    return batch
 
 
 def check_single(level: UserValue) -> Level:

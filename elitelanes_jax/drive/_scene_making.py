@@ -42,9 +42,8 @@ def make_sight(
     Raises:
       InputError: for an argument of another type, or a bad size.
     """
-    tiles = load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
-    if objects is not None:
-        check_named("objects", instance(ObjectSet), objects)
+    tiles = _check_tiles(tiles)
+    _check_objects(objects)
     scaled = scale_tiles(tiles, check_tile_px(tile_px))
     views = None if objects is None else objects.views
     return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, views)
@@ -75,11 +74,13 @@ def make_scenes(
         pixels.
 
     Raises:
-      InputError: for no map, a map without a lane, a code or an object without a picture, a bad
-        size, or objects of more than 512 different pictures and tags.
+      InputError: for an argument of another type, no map, a map without a lane, a code or an object
+        without a picture, a bad size, or objects of more than 512 different pictures and tags.
     """
     road_maps = check_named("maps", as_maps, maps)
-    tiles = load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
+    tiles = _check_tiles(tiles)
+    # Maps without objects need no pictures of them, and the argument is checked all the same.
+    _check_objects(objects)
     if check_tile_px(tile_px) & (tile_px - 1):
         raise InputError(f"tile_px: expected 16, 32, 64, 128, 256 or 512, got {tile_px}")
     if not road_maps:
@@ -96,6 +97,16 @@ def make_scenes(
         billboards,
         tiles.lane_offset,
     )
+
+
+def _check_tiles(tiles: UserValue) -> TileSet:
+    """Returns the tile set; None is the package's own."""
+    return load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
+
+
+def _check_objects(objects: UserValue) -> None:
+    if objects is not None:
+        check_named("objects", instance(ObjectSet), objects)
 
 
 def _check_map(name: str, road_map: RoadMap, tiles: TileSet) -> None:
@@ -139,7 +150,7 @@ def _stack(road_maps: list[RoadMap]) -> SceneMap:
 def _place_objects(
     scene_maps: SceneMap, road_maps: list[RoadMap], objects: ObjectSet | None
 ) -> tuple[SceneMap, Billboards | None]:
-    """Returns the maps with their objects, and the pictures of these."""
+    """Returns the maps with their objects, and the pictures of the objects."""
     placed = make_objects(road_maps)
     if placed is None:
         return scene_maps, None
@@ -155,18 +166,19 @@ def _place_objects(
         for index, thing in enumerate(road_map.objects or ()):
             kind = thing.kind, thing.tag
             if kind not in choices_of:
-                more = check_named("objects", object_set.choices, thing)
-                choices_of[kind] = len(pictures), len(more)
-                pictures += more
+                pictures_of_kind = check_named("objects", object_set.choices, thing)
+                choices_of[kind] = len(pictures), len(pictures_of_kind)
+                pictures += pictures_of_kind
             choices[number, index] = choices_of[kind]
             # An object without height lies on the floor.
-            if not (first := pictures[choices_of[kind][0]]).height:
-                floors[-1].append((index, *first.footprint))
+            first_picture = pictures[choices_of[kind][0]]
+            if not first_picture.height:
+                floors[-1].append((index, *first_picture.footprint))
     scene_maps = scene_maps._replace(
         objects=placed, choices=jnp.asarray(choices), floor=_stack_floors(floors)
     )
     # Objects on the floor have one picture, seen from above.
-    views = [one.views if one.height else {0: one.top} for one in pictures]
+    views = [picture.views if picture.height else {0: picture.top} for picture in pictures]
     return scene_maps, pack_billboards(views)
 
 
@@ -201,14 +213,14 @@ def _list_pictures(tiles: TileSet) -> tuple[NDArray[np.int32], NDArray[np.int32]
 def _make_pyramid(tiles: TileSet, tile_px: int) -> UInt32[Array, "T P"]:
     # Tile 4 * index + turns is the picture of an index, turned by quarters.
     count = 4 * len(tiles.pictures)
-    every = np.stack(np.divmod(np.arange(count), 4), axis=-1)[None]
+    all_tiles = np.stack(np.divmod(np.arange(count), 4), axis=-1)[None]
     levels = []
     size = tile_px
     while size:
         scaled = scale_tiles(tiles, size)
         # `show_paved` draws a map. Here the map is one row with each tile once, which is cut into
         # its tiles.
-        paved = show_paved(tiles, every, size).reshape(size, count, size).swapaxes(0, 1)
+        paved = show_paved(tiles, all_tiles, size).reshape(size, count, size).swapaxes(0, 1)
         red, green, blue = np.moveaxis(scaled["image"].astype(np.uint32), -1, 0)
         # What is not paved shows the ground of the view, so its colour is left out.
         colours = np.where(paved, red | green << 8 | blue << 16, 0)

@@ -32,7 +32,18 @@ _COARSE = (4, 16)
 _FINEST = 64
 # The grains of a shadow along each side.
 _SHADOWS = 5
+# The least and the largest steepness of a shadow's edge, as powers of 2: 4 and 64.
+_SOFT, _HARD = 2, 6
+# The range of the grey level that the ground or the sky of a changed picture has in common, and the
+# deviations of each channel's mean and of its noise from it.
+_DARK, _BRIGHT = 10, 245
+_TINT, _GRAIN = 30, 50
+# The most rectangles of a background.
 _RECTANGLES = 5
+# The least and the largest side of a rectangle, as shares of the picture's side.
+_NARROW, _BROAD = 0.02, 0.4
+# Contrast changes colours around this level.
+_MID_GREY = 128
 # The samples along a streak of motion blur.
 _STREAK = 25
 # The pixels that a blur reaches in each direction.
@@ -234,8 +245,9 @@ def draw_look(
     shadow = None
     if variation.shadow is not None:
         depth, steepness, level = numbers["shadow"]
-        # The steepness is drawn on a logarithmic scale, from 4 to 64.
-        shadow = jnp.stack([depth * variation.shadow, level, 2 ** (2 + 4 * steepness)])
+        # The steepness is drawn on a logarithmic scale.
+        power = _SOFT + (_HARD - _SOFT) * steepness
+        shadow = jnp.stack([depth * variation.shadow, level, 2**power])
     vignette = None if variation.vignette is None else numbers["vignette"][0] * variation.vignette
     exponent = (
         None if variation.gamma is None else 2 ** (_signed(numbers["gamma"][0]) * variation.gamma)
@@ -262,11 +274,12 @@ def _draw_background(
     """
     # Sums of four uniform numbers have nearly a normal distribution: mean 2, variance 1 / 3.
     normal = (numbers["tints"].reshape(4, 2, 2, 3).sum(axis=0) - 2) * np.float32(np.sqrt(3))
-    means = 10 + 235 * numbers["bases"][:, None] + 30 * normal[0]
-    below, above = jnp.where(changed, 50 * normal[1], 0)
+    bases = _DARK + (_BRIGHT - _DARK) * numbers["bases"][:, None]
+    means = bases + _TINT * normal[0]
+    below, above = jnp.where(changed, _GRAIN * normal[1], 0)
     centres, sides = numbers["rectangles"].reshape(2, _RECTANGLES, 2)
     # Centres and sides are shares of the picture's sides.
-    sides = 0.02 + 0.38 * sides
+    sides = _NARROW + (_BROAD - _NARROW) * sides
     corners = jnp.concatenate([centres - sides / 2, centres + sides / 2], axis=1) * np.tile(
         np.array(size, np.float32), 2
     )
@@ -302,7 +315,8 @@ def _mix_colours(numbers: dict[str, Array], variation: Variation) -> Array | Non
     warm = 1 + warmth * jnp.array([1.0, 0.0, -1.0])
     # Saturation moves a colour away from the mean of the three colours.
     itself, mean = gain * warm * (1 + saturation), -gain * warm * saturation
-    return jnp.stack([itself, mean, 128 - 128 * gain + 128 * draw("light")], axis=-1)
+    addend = _MID_GREY - _MID_GREY * gain + _MID_GREY * draw("light")
+    return jnp.stack([itself, mean, addend], axis=-1)
 
 
 def _draw_kernel(numbers: dict[str, Array], variation: Variation) -> Array | None:

@@ -14,7 +14,14 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
-from elitelanes_jax.drive._batch import DISABLED, NEXT_STEP, SAME_STEP, Batch, check_module
+from elitelanes_jax.drive._batch import (
+    DISABLED,
+    NEXT_STEP,
+    SAME_STEP,
+    Batch,
+    check_module,
+    check_render,
+)
 from elitelanes_jax.drive._environment import Environment
 
 _Render = Callable[[Pytree], NDArray[np.uint8]]
@@ -47,9 +54,10 @@ def gymnasium_vector_env(
         "rgb_array".
 
     Raises:
-      InputError: for options out of their range, or another module.
+      InputError: for options out of their range, another module, or a `render` that is no function.
     """
     check_module(params, gymnasium, "gymnasium", "gymnasium", "vector.AutoresetMode")
+    check_render(render)
     # An `AutoresetMode` is an enumeration, whose value is the name of the mode.
     words = getattr(autoreset_mode, "value", autoreset_mode)
     mode = check_named("autoreset_mode", one_of(NEXT_STEP, SAME_STEP, DISABLED), words)
@@ -77,10 +85,8 @@ def gymnasium_vector_env(
         ) -> tuple[np.ndarray, dict[str, Untyped]]:
             chosen = _check_mask(options, batch.envs)
             if is_whole(seed):
-                # A small number of NumPy would overflow.
-                first = int(seed)
-                observation = self._batch.reset(range(first, first + batch.envs), chosen)
-                super().reset(seed=first)
+                observation = self._batch.reset(_list_seeds(seed, batch.envs), chosen)
+                super().reset(seed=int(seed))
             else:
                 observation = self._batch.reset(seed, chosen)
             self._over = self._over & ~chosen
@@ -115,6 +121,15 @@ def gymnasium_vector_env(
             )
 
     return VectorEnv()
+
+
+def _list_seeds(first: UserValue, envs: int) -> range:
+    """Returns the seeds of environments: the first one, and the whole numbers after it."""
+    if not is_whole(first):
+        raise InputError(f"seed: expected a whole number, got {shorten(repr(first))}")
+    # The end may be too large for a small number of NumPy.
+    start = int(first)
+    return range(start, start + envs)
 
 
 def _check_mask(options: UserValue, envs: int) -> NDArray[np.bool_]:
@@ -197,10 +212,11 @@ def sb3_vec_env(
         "rgb_array".
 
     Raises:
-      InputError: for options out of their range, or another module.
+      InputError: for options out of their range, another module, or a `render` that is no function.
     """
     name = "stable_baselines3"
     check_module(params, stable_baselines3, name, name, "common.vec_env.VecEnv")
+    check_render(render)
     base: Untyped = stable_baselines3.common.vec_env.base_vec_env
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
     draw = render
@@ -335,9 +351,9 @@ def puffer_env(
             super().__init__(buf)
 
         def reset(self, seed: int | None = None) -> tuple[np.ndarray, list[dict[str, float]]]:
-            first = start if seed is None else int(seed)
+            seeds = _list_seeds(start if seed is None else seed, batch.envs)
             # PufferLib reads these arrays, so they are filled and not replaced.
-            self.observations[:] = self._batch.reset(range(first, first + batch.envs))
+            self.observations[:] = self._batch.reset(seeds)
             for zeroed in (self.rewards, self.terminals, self.truncations):
                 zeroed[:] = 0
             return self.observations, []

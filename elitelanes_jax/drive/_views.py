@@ -23,9 +23,9 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax.drive._camera import Camera, rays_of, reach_ground
+from elitelanes_jax.drive._camera import Camera, focal_length, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
-from elitelanes_jax.drive._objects import Floor, Objects, Rays, lie, stand
+from elitelanes_jax.drive._objects import Floor, Objects, Rays, lie, stand, stands_on
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.drive._variation import (
     LOOK_NUMBERS,
@@ -62,6 +62,9 @@ _SEEDS = 3
 _NUMBERS = 9
 # The most further tries to draw a pose where the robot touches no object.
 _TRIES = 64
+# The largest pitch and field of view in degrees after a wobble. A camera looks straight down at 90.
+# At 180, the picture would have no focal length.
+_STEEPEST, _WIDEST = 90, 175
 
 
 class Views(NamedTuple):
@@ -312,8 +315,8 @@ def _plan_view(
     lower, tilt, wide = (1 + (2 * wobble - 1) * variation.wobble for wobble in wobbles)
     camera = camera.replace(
         height=camera.height * lower,
-        pitch=jnp.minimum(camera.pitch * tilt, 90),
-        field_of_view=jnp.minimum(camera.field_of_view * wide, 175),
+        pitch=jnp.minimum(camera.pitch * tilt, _STEEPEST),
+        field_of_view=jnp.minimum(camera.field_of_view * wide, _WIDEST),
     )
     stretch = None
     if variation.lines is not None:
@@ -372,13 +375,9 @@ def _draw_pose(
     if objects is None:
         return place(numbers)
 
-    def touches(pose: Pose) -> Array:
-        distance = jnp.hypot(objects.x - pose.x, objects.y - pose.y) * TILE
-        return ((objects.radius > 0) & (distance <= objects.radius + _ROBOT)).any()
-
     def is_bad(carry: tuple[Array, Pose]) -> Array:
         attempt, pose = carry
-        return (attempt < _TRIES) & touches(pose)
+        return (attempt < _TRIES) & stands_on(objects, pose, _ROBOT)
 
     def retry(carry: tuple[Array, Pose]) -> tuple[Array, Pose]:
         attempt, _ = carry
@@ -430,13 +429,17 @@ def _meet_ground(
     # describe the whole row.
     columns = rays.right.shape[1]
     middle = columns // 2
-    gap = (rays.right[0, -1] - rays.right[0, 0]) / max(columns - 1, 1)
+    if columns > 1:
+        gap = (rays.right[0, -1] - rays.right[0, 0]) / (columns - 1)
+    else:
+        # A single column has no neighbour. The distance to the next row is the same.
+        gap = 1 / focal_length(camera, samples)
     reach, ahead = reach_ground(camera, rays)
     seen = jnp.isfinite(ahead)
     ahead, reach = (jnp.where(seen, part, 0) / TILE for part in (ahead, reach))
     x_step, y_step = reach * sine * gap, reach * cosine * gap
     # With an even number of columns, the middle column is half a step beside the robot's axis.
-    offset = rays.right[0, middle] / gap if columns > 1 else 0.0
+    offset = rays.right[0, middle] / gap
     # The map has a border of one tile.
     x = 1 + pose.x + ahead * cosine + x_step * offset
     y = 1 + pose.y - ahead * sine + y_step * offset

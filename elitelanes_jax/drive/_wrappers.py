@@ -23,6 +23,7 @@ from elitelanes_jax.drive._batch import (
     Batch,
     action_space,
     check_module,
+    check_render,
     flattened,
     observation_space,
 )
@@ -96,11 +97,10 @@ class GymnaxEnv:
         """
         if not is_whole(values) or values not in (5, 6):
             raise InputError(f"values: expected 5 or 6, got {values!r}")
-        self._environment, self._resetting = (
-            flattened(environment),
-            flattened(auto_reset(environment)),
-        )
-        self._spaces, self._six = _makers(params, spaces), values == 6
+        self._environment = flattened(environment)
+        self._resetting = flattened(auto_reset(environment))
+        self._spaces = _makers(params, spaces)
+        self._returns_six = values == 6
         self.default_params = params
         self.name = type(params).__name__.removesuffix("Params")
         self.num_actions = environment.actions or environment.action_size
@@ -140,19 +140,19 @@ class GymnaxEnv:
     def _step(
         self, environment: Environment, key: Array, state: Pytree, action: Pytree, params: Pytree
     ) -> tuple[Pytree, ...]:
-        done = environment.step(
-            key, state, action, self.default_params if params is None else params
-        )
+        params = self.default_params if params is None else params
+        done = environment.step(key, state, action, params)
         info = done.info | {
             "terminated": done.terminated,
             "truncated": done.truncated,
             "final_observation": done.reached,
             "discount": 1 - done.terminated.astype(jnp.float32),
         }
-        ended = (
-            (done.terminated, done.truncated) if self._six else (done.terminated | done.truncated,)
-        )
-        return done.observation, done.state, done.reward, *ended, info
+        if self._returns_six:
+            ends: tuple[Array, ...] = (done.terminated, done.truncated)
+        else:
+            ends = (done.terminated | done.truncated,)
+        return done.observation, done.state, done.reward, *ends, info
 
 
 @name_wrong_arguments
@@ -173,9 +173,10 @@ def gymnasium_env(
         "rgb_array".
 
     Raises:
-      InputError: for options out of their range, or another module.
+      InputError: for options out of their range, another module, or a `render` that is no function.
     """
     check_module(params, gymnasium, "gymnasium", "gymnasium", "Env")
+    check_render(render)
     # Gymnasium's environments do not reset by themselves.
     batch, draw = Batch(environment, params, 1, DISABLED), render
 

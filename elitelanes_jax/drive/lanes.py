@@ -20,7 +20,14 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import Check, check_named, instance, is_real
+from elitelanes_jax._util.checks import (
+    Check,
+    check_named,
+    clip_to_int32,
+    instance,
+    is_real,
+    is_whole,
+)
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -72,7 +79,15 @@ one if none is open.
 
 
 def single(kind: type) -> Check:
-    """Makes a check for one `Pose` or `LaneNode`, whose fields are numbers."""
+    """Makes a check for one `Pose`, `LaneNode` or `Movement`, whose fields are numbers.
+
+    The fields of a `Pose` are real numbers, all others are whole numbers. The check returns a
+    record whose whole numbers JAX can take: as floats in a `Pose`, otherwise clipped to 32 bits.
+    """
+    is_pose = kind is Pose
+    kinds_of_arrays = "iufV" if is_pose else "iu"
+    is_number = is_real if is_pose else is_whole
+    words = "numbers" if is_pose else "whole numbers"
 
     def check(value: UserValue) -> UserValue:
         fields = instance(kind)(value)
@@ -80,11 +95,23 @@ def single(kind: type) -> Check:
             raise InputError(
                 f"expected one {kind.__name__}; jax.vmap takes several; got {shorten(repr(value))}"
             )
-        if not all(is_real(field) or hasattr(field, "dtype") for field in fields):
-            raise InputError(f"expected {kind.__name__} of numbers, got {shorten(repr(value))}")
-        return value
+        for field in fields:
+            is_array = hasattr(field, "dtype") and field.dtype.kind in kinds_of_arrays
+            if not is_array and not is_number(field):
+                raise InputError(f"expected {kind.__name__} of {words}, got {shorten(repr(value))}")
+        return kind(*map(_to_float if is_pose else clip_to_int32, fields))
 
     return check
+
+
+def _to_float(number: UserValue) -> UserValue:
+    """Returns a whole number of Python or NumPy as a float; anything else unchanged.
+
+    JAX drops the upper bits of a larger whole number of NumPy, so that 2**32 becomes 0. For one of
+    Python it raises `OverflowError`.
+    """
+    is_scalar = isinstance(number, np.ndarray) and number.dtype.kind in "iu"
+    return float(number) if is_scalar or is_whole(number) else number
 
 
 class Pose(NamedTuple):
@@ -217,8 +244,8 @@ def random_pose(
     key: Key[Array, ""],
     grid: Int[ArrayLike, "H W"],
     *,
-    offset: ArrayLike = 0.1,
-    heading: ArrayLike = np.pi / 6,
+    offset: Float[ArrayLike, ""] = 0.1,
+    heading: Float[ArrayLike, ""] = np.pi / 6,
     lane_offset: float = LANE_OFFSET,
 ) -> Pose:
     """Draws a pose on the lanes of a grid, as datasets of robots' views do.
@@ -281,24 +308,31 @@ def pose_beside(
     return pose._replace(theta=wrap_angle(pose.theta + (2 * angle - 1) * heading))
 
 
-def tile_at(
-    grid: Int[Array, "H W"], x: Float[ArrayLike, ""], y: Float[ArrayLike, ""]
-) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""], Bool[Array, ""]]:
-    """Returns the tile at a point, and whether the point is on the road.
+class Ground(NamedTuple):
+    """What is at a point of a map.
 
-    The tile is its row, its column and its code, which is 0 beyond the grid.
+    Attributes:
+      row: int32, the row of the tile.
+      column: int32, the column of the tile.
+      code: the code of the tile; 0 beyond the grid.
+      on_road: bool, whether the point is on the tile's road.
     """
+
+    row: Int[Array, ""]
+    column: Int[Array, ""]
+    code: Int[Array, ""]
+    on_road: Bool[Array, ""]
+
+
+def ground_at(grid: Int[Array, "H W"], x: Float[ArrayLike, ""], y: Float[ArrayLike, ""]) -> Ground:
+    """Returns the tile at a point, and whether the point is on its road."""
     height, width = grid.shape
     row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     # JAX would read the nearest cell for an index beyond the grid.
     code = jnp.where(inside, grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)], 0)
-    return (
-        row,
-        column,
-        code,
-        on_road(code, x - column.astype(jnp.float32), y - row.astype(jnp.float32)),
-    )
+    east, south = x - column.astype(jnp.float32), y - row.astype(jnp.float32)
+    return Ground(row, column, code, on_road(code, east, south))
 
 
 @name_wrong_arguments
@@ -322,13 +356,14 @@ def lane_pose(
       lane_offset: tiles from the road's middle to the centre of a lane.
 
     Raises:
-      InputError: for a bad grid, a pose that is not a `Pose`, or a `lane_offset` that is not over 0
-        and under 0.5.
+      InputError: for a bad grid, a pose that is not a `Pose`, a movement that is not a `Movement` of
+        whole numbers, or a `lane_offset` that is not over 0 and under 0.5.
     """
     lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
-    return _lane_pose(
-        check_grid(grid), check_named("pose", single(Pose), pose), movement, lane_offset=lane_offset
-    )
+    pose = check_named("pose", single(Pose), pose)
+    if movement is not None:
+        movement = check_named("movement", single(Movement), movement)
+    return _lane_pose(check_grid(grid), pose, movement, lane_offset=lane_offset)
 
 
 @partial(jax.jit, static_argnames="lane_offset")
@@ -337,9 +372,10 @@ def _lane_pose(
     grid: Array, pose: Pose, movement: Movement | None, *, lane_offset: float
 ) -> LanePose:
     links = linked_codes(grid)
-    row, column, code, road = tile_at(links, pose.x, pose.y)
+    pose = Pose(*(jnp.asarray(part, jnp.float32) for part in pose))
+    ground = ground_at(links, pose.x, pose.y)
     if movement is None:
-        movement = nearest_movement(code, pose, row, column, lane_offset)
+        movement = nearest_movement(ground.code, pose, ground.row, ground.column, lane_offset)
     else:
         movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
     # A movement that the caller gives need not exist.
@@ -349,9 +385,9 @@ def _lane_pose(
         d,
         phi,
         s,
-        on_road=road,
-        own_lane=road & found & (jnp.abs(d) <= lane_offset),
-        oncoming=road & found & (d > lane_offset),
+        on_road=ground.on_road,
+        own_lane=ground.on_road & found & (jnp.abs(d) <= lane_offset),
+        oncoming=ground.on_road & found & (d > lane_offset),
         movement=movement,
         found=found,
     )

@@ -28,7 +28,6 @@ from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
-from elitelanes_jax.drive._distances import UNREACHABLE
 from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import (
     LaneDrive,
@@ -40,7 +39,7 @@ from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive._scene_making import make_sight
 from elitelanes_jax.drive.lanes import Pose, lane_point
-from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
@@ -82,15 +81,30 @@ _ROOM = 2**20
 _BATCH = 32
 # The height of a film and the largest width of the map in it, in pixels.
 _HEIGHT, _WIDEST = 480, 1280
+# The width of the camera's picture in a film, in pixels.
+_VIEW_WIDTH = 640
 # The most objects in a view.
 _MOST_SEEN = 32
 # The bits of the fraction of a pixel.
 _BITS = 4
+# Measures of trails and robots as shares of a tile's side, because maps differ in size.
+_LINE = 1 / 20
+_START_RADIUS = 1 / 12
+_GOAL_RADIUS = 0.18
+_OUTLINE = 1 / 40
+_ROBOT_LENGTH = 0.18 / TILE
+_ROBOT_WIDTH = Robot.width / TILE
+# Red, green and blue of the robot.
+_ROBOT_FILL, _ROBOT_EDGE = (255, 255, 255), (20, 20, 20)
 # The side of a tile in the pictures that a policy observes, in pixels.
 _SIGHT_PX = 128
 # Tiles per second that the expert exceeds. It drives 0.3 m/s, which is 0.466 tiles per second if
 # each tile is a left turn, the longest movement.
 _PACE = 0.46
+# The fewest tiles from a start to its goal. A short ride may have fewer.
+_NEAREST_GOAL = 4
+# A day, whose poses take 31 MB a ride.
+_LONGEST = 86_400
 
 
 class Rides(NamedTuple):
@@ -133,7 +147,7 @@ def make_rides(
       count: N, the number of rides.
       policy: "route", the expert; "random", a driver that turns its wheels at random; or your own
         driver, a function from a `LaneDriveObservation` to the commands of both wheels, -1 to 1.
-      seconds: the length of a ride.
+      seconds: the longest time of a ride, over 0, up to 86,400.
       seed: the seed of starts, goals and everything random, 0 to 2**32 - 1.
       tiles: whose lanes are driven, and that the camera of your own driver shows; by default the
         package's own.
@@ -142,14 +156,14 @@ def make_rides(
       InputError: for a bad grid, a map without a lane, another policy, or one that fails or does
         not return two numbers.
     """
-    seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
+    check_seconds = real(0, _LONGEST, unit="seconds, a number", exclusive=True)
+    seconds = check_named("seconds", check_seconds, seconds)
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     check_named("seed", SEED, seed)
     level_key, ride_key = split(seed_key(seed))
-    # A number of seconds has no largest value, and a distance has.
-    furthest = int(min(max(_PACE * seconds, 1), UNREACHABLE))
-    nearest = min(4, furthest)
+    furthest = int(max(_PACE * seconds, 1))
+    nearest = min(_NEAREST_GOAL, furthest)
     codes = check_grid(grid)
     if not movements_of(codes).row.size:
         raise no_lane_error()
@@ -424,7 +438,7 @@ def _make_scene(road_map: RoadMap, picture: Picture, size: int) -> _Scene:
     # Each cell has its own picture, because blended tiles all differ.
     atlas = make_atlas(_cells(picture.image, size), _cells(picture.labels, size))
     cells = jnp.arange(codes.size, dtype=jnp.int32).reshape(codes.shape)
-    camera = Camera(rows=_HEIGHT, columns=640, objects=_MOST_SEEN)
+    camera = Camera(rows=_HEIGHT, columns=_VIEW_WIDTH, objects=_MOST_SEEN)
     objects = None
     billboards = None
     if road_map.objects:
@@ -557,32 +571,32 @@ def _draw_trail(
 ) -> None:
     colour = _COLOURS[index % len(_COLOURS)]
     points = np.stack([rides.x[index], rides.y[index]], axis=1)[: int(steps) + 1]
-    # All measures are shares of a tile's side, because maps differ in size.
-    thick = max(round(side / 20), 1)
+    thick = max(round(side * _LINE), 1)
     dots = _dots(points, side)
     cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)
-    cv2.circle(
-        picture, dots[0, 0].tolist(), round(side / 12 * 2**_BITS), colour, -1, cv2.LINE_AA, _BITS
-    )
+    start = dots[0, 0].tolist()
+    radius = round(side * _START_RADIUS * 2**_BITS)
+    # OpenCV fills a circle whose thickness is -1.
+    cv2.circle(picture, start, radius, colour, -1, cv2.LINE_AA, _BITS)
     ring = _dots(goal, side)[0, 0].tolist()
-    cv2.circle(picture, ring, round(side * 0.18 * 2**_BITS), colour, thick, cv2.LINE_AA, _BITS)
+    radius = round(side * _GOAL_RADIUS * 2**_BITS)
+    cv2.circle(picture, ring, radius, colour, thick, cv2.LINE_AA, _BITS)
 
 
 def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, side: float) -> None:
     """Draws a robot as a triangle, whose tip is ahead."""
-    length = 0.18 / TILE
-    half_width = 0.075 / TILE
     # The picture's y points down, and angles are counter-clockwise.
     ahead = np.array([np.cos(theta), -np.sin(theta)])
     left = np.array([-np.sin(theta), -np.cos(theta)])
     middle = np.array([x, y])
-    rear_left = middle + -length / 2 * ahead + half_width * left
-    rear_right = middle + -length / 2 * ahead + -half_width * left
-    tip = middle + length / 2 * ahead
+    tip = middle + _ROBOT_LENGTH / 2 * ahead
+    rear = middle - _ROBOT_LENGTH / 2 * ahead
+    rear_left = rear + _ROBOT_WIDTH / 2 * left
+    rear_right = rear - _ROBOT_WIDTH / 2 * left
     shape = _dots(np.array([rear_left, rear_right, tip]), side)
-    thickness = max(round(side / 40), 1)
-    cv2.fillPoly(picture, [shape], (255, 255, 255), cv2.LINE_AA, _BITS)
-    cv2.polylines(picture, [shape], True, (20, 20, 20), thickness, cv2.LINE_AA, _BITS)
+    thickness = max(round(side * _OUTLINE), 1)
+    cv2.fillPoly(picture, [shape], _ROBOT_FILL, cv2.LINE_AA, _BITS)
+    cv2.polylines(picture, [shape], True, _ROBOT_EDGE, thickness, cv2.LINE_AA, _BITS)
 
 
 def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:

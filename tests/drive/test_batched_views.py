@@ -82,6 +82,14 @@ def viewpoint_of(plan, camera):
     return _robot_views.Viewpoint(matrix, size, sky, TILE_PX, lines, {"pose": pose, "camera": drawn})
 
 
+def test_a_single_column_is_the_middle_one_of_three(scenes):
+    one, three = (
+        views(jax.random.key(5), scenes, 8, camera=Camera(rows=30, columns=columns), samples=1) for columns in (1, 3)
+    )
+    for narrow, wide in ((one.images, three.images), (one.labels, three.labels)):
+        np.testing.assert_array_equal(narrow[:, :, 0], wide[:, :, 1])
+
+
 @pytest.mark.parametrize("lines", [pytest.param(None, marks=pytest.mark.slow), 0.07])
 def test_views_are_those_of_the_datasets_camera(grids, scenes, drawn_tiles, lines):
     camera, variation = Camera(rows=60, columns=80), Variation(lines=lines)

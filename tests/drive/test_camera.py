@@ -11,7 +11,7 @@ from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, render
 from elitelanes_jax.drive import Camera, Pose, look, make_sight, movements, random_pose
-from elitelanes_jax.drive._camera import _undistort, ground_points, make_atlas, pack_sight
+from elitelanes_jax.drive._camera import _undistort, make_atlas, pack_sight, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import hash_normal
 from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.drive.robot import TILE
@@ -20,7 +20,6 @@ from elitelanes_jax.tiles import choose_tiles
 
 TILE_PX = 32
 frame = jax.jit(look)
-find_ground = jax.jit(ground_points)
 undistort = jax.jit(_undistort)
 
 
@@ -30,6 +29,15 @@ def scene(drawn_tiles):
     chosen = choose_tiles(grid, drawn_tiles, 1)
     picture = render(grid, drawn_tiles, tile_px=TILE_PX, chosen=chosen)
     return grid, chosen, make_sight(drawn_tiles, tile_px=TILE_PX), picture
+
+
+@jax.jit
+def find_ground(camera):
+    """Where the rays of pixels' centres meet the ground: metres ahead and to the left, infinite above the horizon."""
+    rays = rays_of(camera)
+    reach, ahead = reach_ground(camera, rays)
+    left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * rays.right)
+    return jnp.broadcast_to(ahead, (camera.rows, camera.columns)), left
 
 
 def some_poses(grid, count):
@@ -86,7 +94,7 @@ def test_labels_and_colours_are_those_of_opencvs_warp(scene):
 
 @pytest.mark.parametrize("distortion", [None, (-0.2, 0.05), (-0.3, 0.09), (0.1, 0.1), (3.0, 0.0)])
 def test_rays_meet_the_ground_where_points_project_from(distortion):
-    ahead, left = np.float64(find_ground(Camera(rows=48, columns=64, distortion=distortion))) * TILE
+    ahead, left = np.float64(find_ground(Camera(rows=48, columns=64, distortion=distortion)))
     focal, pitch = 24 / np.tan(np.deg2rad(37.5)), np.deg2rad(19.15)
     seen = np.isfinite(ahead)
     assert distortion or (seen == (np.arange(48)[:, None] > 24 - focal * np.tan(pitch) - 0.5)).all()
@@ -201,3 +209,11 @@ def test_faults_are_named():
         words = f"0 to 3 quarter turns, got {tile[0]} and {tile[1]} for code 6$"
         with pytest.raises(InputError, match=f"^rotations: expected tiles of the 8 pictures, .* {words}"):
             pack_sight(shades, shades[..., 0], {0: [(0, 0)], 6: [tile]})
+
+
+def test_chosen_pictures_may_have_8_bits():
+    pictures = np.zeros((260, 1, 1, 3), np.uint8)
+    pictures[256] = 200
+    sight = pack_sight(pictures, np.zeros((260, 1, 1), np.uint8), {0: [(0, 0)]}, Camera(rows=4, columns=4, pitch=90))
+    view = look(Pose(0.5, 0.5, 0.0), [[0]], sight, chosen=np.array([[[64, 0]]], np.uint8))
+    assert (view.image == 200).all()

@@ -122,5 +122,5 @@ def test_no_grid_has_a_node_whose_row_needs_more_than_32_bits(row):
 
 @pytest.mark.parametrize("row", ["0", None, True])
 def test_a_node_of_anything_but_numbers_is_refused(any_types, row):
-    with pytest.raises(InputError, match="^goal: expected LaneNode of numbers, got LaneNode"):
+    with pytest.raises(InputError, match="^goal: expected LaneNode of whole numbers, got LaneNode"):
         distances(np.array([[6, 3], [12, 9]]), LaneNode(row, 0, 0))

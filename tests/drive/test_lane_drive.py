@@ -14,6 +14,7 @@ from elitelanes_jax.drive import (
     LaneDriveParams,
     Pose,
     RoadNav,
+    auto_reset,
     lane_pose,
     make_levels,
     make_objects,
@@ -48,6 +49,27 @@ def test_the_robot_drives_the_arc_of_its_wheels():
         turned = np.angle(np.exp(1j * (theta - float(there.theta))))
         np.testing.assert_allclose([there.x, there.y, turned], [x, y, 0], atol=1e-5)
         assert wheels.speed == pytest.approx((left + right) / 2, abs=1e-5)
+
+
+# Only slow tests compile as users do. The quick programs of all other tests add no product in one instruction.
+@pytest.mark.slow
+@pytest.mark.parametrize("action", ["wheels", "twist"])
+def test_a_rollout_has_the_same_bits_alone_and_in_a_batch(params, action):
+    params, step = params.replace(action=action, limit=20), auto_reset(LaneDrive).step
+
+    def roll(key, actions):
+        def go(state, action):
+            done = step(key, state, action, params)
+            return done.state, done
+
+        return jax.lax.scan(go, LaneDrive.reset(key, params)[1], actions)
+
+    keys = jax.random.split(jax.random.key(3), COUNT)
+    actions = np.random.default_rng(0).uniform(0, 1, (COUNT, 40, 2)).astype(np.float32)
+    together = jax.jit(jax.vmap(roll))(keys, actions)
+    for number in range(0, COUNT, 5):
+        alone = jax.jit(roll)(keys[number], actions[number])
+        jax.tree.map(np.testing.assert_array_equal, alone, pick(together, number))
 
 
 def test_a_late_command_takes_effect_later_and_noise_is_drawn():

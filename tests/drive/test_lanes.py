@@ -163,7 +163,9 @@ def test_a_given_movement_is_measured_by_also_from_outside_its_tile(grid):
     found = lane_pose(grid, start, Movement(row, column, heading, turn))
     assert found.found
     np.testing.assert_allclose([found.d, found.phi, found.s], [0, 0, -0.1], atol=1e-5)
-    for nowhere in (Movement(-1, 0, 0, 0), Movement(*SHAPE, 0, 0)):
+    # Numbers of more than 32 bits would lose their upper bits, which are all that this row has.
+    large = Movement(np.int64(row + 2**32), column, heading, turn)
+    for nowhere in (Movement(-1, 0, 0, 0), Movement(*SHAPE, 0, 0), large, large._replace(row=2**40)):
         lost = lane_pose(grid, start, nowhere)
         assert not lost.found and lost.d == lost.phi == lost.s == 0 and not lost.own_lane
 
@@ -181,6 +183,8 @@ def test_random_poses_are_on_lanes(grid):
 def test_off_the_grid_there_is_no_road(grid, locate):
     poses = Pose(*np.array([[-0.5, 2, 0], [3, -7, 1], [7.01, 2, 2], [1, 6.5, 3], [1e9, -1e9, 0]], np.float32).T)
     found = locate(grid, poses)
+    for far in (2**40, np.int64(2**40), np.array(2**40)):
+        assert not lane_pose(grid, Pose(far, 2, 0)).found
     assert not found.on_road.any() and not found.found.any()
     assert np.isfinite(np.stack([found.d, found.phi, found.s])).all()
 
@@ -210,6 +214,15 @@ def test_compiled_or_not_and_many_at_once_it_is_the_same(grid, locate):
         one = lane_pose(grid, pick(poses, number))
         for alone, batched in zip(jax.tree.leaves(one), jax.tree.leaves(pick(found, number)), strict=True):
             np.testing.assert_allclose(alone, batched, atol=1e-6)
+
+
+def test_a_pose_of_64_bits_has_figures_of_32(grid):
+    jax.config.update("jax_enable_x64", True)
+    try:
+        found = lane_pose(grid, Pose(*np.float64([1.5, 0.25, 3])))
+        assert found.d.dtype == found.phi.dtype == found.s.dtype == np.float32
+    finally:
+        jax.config.update("jax_enable_x64", False)
 
 
 def test_a_wrong_grid_is_refused():

@@ -38,8 +38,10 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
     assert [row[0, end], column[0, end]] == goal and (rides.x[0, end:] == rides.x[0, end]).all()
     with pytest.raises(InputError, match="policy: expected one of route, random, got 'nobody'"):
         make_rides(GRID, policy="nobody")
-    with pytest.raises(InputError, match="seconds: expected seconds, a number over 0, got nan"):
+    with pytest.raises(InputError, match="seconds: expected seconds, a number over 0, up to 86400, got nan"):
         make_rides(GRID, seconds=float("nan"))
+    with pytest.raises(InputError, match="^seconds: expected seconds, a number over 0, up to 86400, got 1e[+]300"):
+        make_rides(GRID, seconds=1e300)
     with pytest.raises(InputError, match="seed: expected a whole number, 0 to 4294967295, got 4294967296"):
         make_rides(GRID, seed=2**32)
     with pytest.raises(InputError, match="^grid: expected a lane, a tile that connects to two others, got none$"):

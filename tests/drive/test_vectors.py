@@ -1,6 +1,7 @@
 """Batches in the interfaces of Gymnasium, Stable-Baselines3 and PufferLib, checked by the libraries that are there."""
 
 import warnings
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -191,6 +192,33 @@ def test_what_is_wrong_is_named():
     ):
         with pytest.raises(InputError, match=f"^{message}"):
             wrap()
+
+
+def test_a_mode_of_gymnasium_is_no_function_that_draws():
+    params, base = RoadNavParams(LEVELS), SimpleNamespace(VecEnv=object)
+    gymnasium = SimpleNamespace(Env=object, vector=SimpleNamespace(AutoresetMode=str))
+    stable_baselines3 = SimpleNamespace(
+        common=SimpleNamespace(vec_env=SimpleNamespace(base_vec_env=base, VecEnv=object))
+    )
+    for wrap, module in (
+        (gymnasium_env, gymnasium),
+        (gymnasium_vector_env, gymnasium),
+        (sb3_vec_env, stable_baselines3),
+    ):
+        with pytest.raises(InputError, match="^render: expected a function that takes a state .* got 'human'"):
+            wrap(RoadNav, params, module, render="human")
+
+
+@pytest.mark.parametrize("seed", ["3", 1.5, True, [3]])
+def test_a_seed_of_pufferlib_is_a_whole_number(seed):
+    spaces = SimpleNamespace(Discrete=lambda number: number, Box=lambda *limits: limits)
+    pufferlib = SimpleNamespace(
+        PufferEnv=type("PufferEnv", (), {"__init__": lambda self, buf: None}),
+        emulation=SimpleNamespace(gymnasium=SimpleNamespace(spaces=spaces)),
+    )
+    env = puffer_env(RoadNav, RoadNavParams(LEVELS), pufferlib, envs=2)
+    with pytest.raises(InputError, match="^seed: expected a whole number, got "):
+        env.reset(seed=seed)
 
 
 def test_a_seed_may_be_a_small_number_of_numpy():
