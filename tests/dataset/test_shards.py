@@ -42,10 +42,10 @@ def needs(name):
 
 
 def robot_views(**others):
-    """Views from a robot with objects. One map has a fitness and a seed, another one a metric of its own."""
+    """Views from a robot with objects. One map has a fitness, a seed and a fraction, another one other metrics."""
     maps = [
-        RoadMap(TOWN, fitness=3, niche=[1, 2], seed=(0, 1)),
-        RoadMap(np.array(LOOP), metrics={"crossings": 0}),
+        RoadMap(TOWN, metrics={"density": 0.5}, fitness=3, niche=[1, 2], seed=(0, 1)),
+        RoadMap(np.array(LOOP), metrics={"crossings": 0, "density": 1}),
         RoadMap(np.array(WIDE)),
     ]
     options = {"maps_from": maps, "split": (1, 0, 0), "views": 3, "furnish": "duckies=1", "transforms": STANDARD}

@@ -246,10 +246,11 @@ def controls_of_commonroad(text, grid):
     lanelets = {int(one.get("id")): one for one in root.findall("lanelet")}
     used, controls = {limit}, {}
     for intersection in root.iter("intersection"):
-        kinds = {}
+        kinds, ways, from_right = {}, {}, {}
         for incoming in intersection.iter("incoming"):
             after = {out for tag in ("Right", "Straight", "Left") for out in refs(incoming, f"successors{tag}")}
             ((row, column, heading),) = {lanes[number][:3] for number in after}
+            ways[heading], from_right[heading] = int(incoming.get("id")), refs(incoming, "isLeftOf")
             for number in refs(incoming, "incomingLanelet"):
                 lanelet = lanelets[number]
                 rules = (refs(lanelet, "trafficSignRef") - {limit}) | refs(lanelet, "trafficLightRef")
@@ -259,6 +260,8 @@ def controls_of_commonroad(text, grid):
                     kinds[heading] = signs.get(rule) or lights[rule]
         tile = row, column
         arms = {approach[2] for approach in approaches(grid) if approach[:2] == tile}
+        # North meets those who drive west from its right, and so on, clockwise.
+        assert from_right == {heading: {ways[way] for way in arms & {(heading - 1) % 4}} for heading in arms}
         if not kinds:
             continue
         assert kinds.keys() == arms

@@ -1,5 +1,7 @@
 """The lanes of maps: the graph against NetworkX, curves against the oracle's polylines."""
 
+from itertools import pairwise
+
 import networkx as nx
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import example, given
 from elitelanes_jax import InputError
 from elitelanes_jax.lanes import movements
 from elitelanes_jax.lanes.curves import lane_curves, lane_lengths, lane_polyline
-from elitelanes_jax.lanes.links import linked_codes, linked_tiles
+from elitelanes_jax.lanes.links import linked_codes, linked_tiles, walk_roads
 from elitelanes_jax.lanes.movements import BACK, Movement, turn_between
 
 BLOCK = np.full((4, 5), 15, np.int8)
@@ -51,6 +53,18 @@ def test_the_graph_is_the_oracles(grid):
         assert sorted(ours.edges(data="turn")) == sorted(expected.edges(data="turn"))
         for movement, successors in zip(listed, graph.list_successors(), strict=True):
             assert [listed[index] for index in successors] == [m for m in listed if m.node == movement.next_node]
+
+
+@given(grids())
+@example(BLOCK)
+def test_each_road_is_listed_once_in_the_order_of_its_first_end(grid):
+    linked = linked_tiles(grid)
+    nodes = {tile for tile in linked if len(linked[tile]) != 2}
+    roads = walk_roads(linked, nodes)
+    first_ends = [road[0] for road in roads if road[0] in nodes]
+    assert first_ends == sorted(first_ends)
+    steps = [sorted(step) for road in roads for step in pairwise(road)]
+    assert sorted(steps) == [[tile, other] for tile in sorted(linked) for other in sorted(linked[tile]) if tile < other]
 
 
 @pytest.mark.parametrize(("heading", "turn"), EVERY)

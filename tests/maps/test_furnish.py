@@ -257,6 +257,16 @@ def test_each_amount_has_places_of_its_own():
     assert not set(places[0]) & set(places[1])
 
 
+def test_objects_beside_a_road_look_at_it():
+    """They are at most 0.3 tiles from it, and 0.4 tiles ahead of them is road."""
+    things = furnish(TOWN, "barriers=6 crossing_duckies=6").objects
+    assert len({round(thing.angle % math.tau, 3) for thing in things}) == 4
+    for thing in things:
+        assert not TOWN[math.floor(thing.y), math.floor(thing.x)]
+        row, column = thing.y - 0.4 * math.sin(thing.angle), thing.x + 0.4 * math.cos(thing.angle)
+        assert TOWN[math.floor(row), math.floor(column)]
+
+
 @pytest.mark.parametrize("lane_offset", [0.2, 0.23])
 @pytest.mark.parametrize(("code", "across"), [(5, math.sin), (10, math.cos)])
 def test_only_asked_for_objects_are_in_lanes(code, across, lane_offset):

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from elitelanes_jax import pick as pick_maps
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.maps.picking import _resolve_choice, _Source
 from elitelanes_jax.network import canonical_form
+from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.tiles import default_tiles
 
 SMALL = ["--size", "5", "6", "--maps", "6", "--generations", "5", "--tile-px", "16", "--quiet"]
@@ -97,6 +99,14 @@ def test_only_maps_that_the_tiles_can_draw_are_picked(searched, tmp_path):
     assert (Result.load(archive).elites.grids == 15).any()
     assert pick(archive, "--maps", 3, "--at-most", "--tiles", tiles, out=tmp_path / "out") == 0
     assert maps(tmp_path / "out") and not any((road_map.codes == 15).any() for road_map in maps(tmp_path / "out"))
+
+
+def test_ranges_of_ones_own_replace_those_of_the_search(searched):
+    result = Result.load(searched / "one" / "archive.npz")
+    spec = result.search.to_spec().replace(where="turns=4.. crossings=2..")
+    sources = [_Source("result", replace(result, search=resolve(spec, (5, 6))), None)]
+    ranges = _resolve_choice(PickSpec(where="crossings=1.. tiles=9.."), sources).ranges
+    assert list(map(str, ranges)) == ["turns=4..", "crossings=1..", "tiles=9.."]
 
 
 @pytest.mark.slow

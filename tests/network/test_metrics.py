@@ -107,13 +107,17 @@ def test_a_hundred_thousand_random_grids():
 
 @pytest.mark.parametrize("shape", [(12, 12), (17, 17), *slow((64, 64), (16, 16), (40, 90))], ids=str)
 def test_long_corridors(shape):
-    """One slow grid among quick ones, every way round: labels have to travel its whole length, also upwards."""
+    """One slow grid among quick ones, every way round: labels have to travel its whole length, also upwards.
+
+    One grid has crossings alone, so that the largest score of a tile meets the bits of its sum.
+    """
     rng = np.random.default_rng(5)
     slow = [serpentine(shape), spiral(shape)]
     mirrored = [np.where(grid & 4, 1, 0) | np.where(grid & 1, 4, 0) | grid & 10 for grid in slow]
     slow += [grid[:, ::-1].astype(np.int8) for grid in mirrored]
     quick = np.array(repair_many(rng.integers(0, 16, (3, *shape)).astype(np.int8)))
-    compare(np.concatenate([np.stack(slow), quick]))
+    crossings = np.full((1, *shape), 15, np.int8)
+    compare(np.concatenate([np.stack(slow), quick, crossings]))
 
 
 # A label is one byte up to 254 inner corners, two up to 65,534 corners, then four.

@@ -12,7 +12,7 @@ from compiled_programs import compilations
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax import Optimizer, annealed_gwo, annealed_pso, road_problem
+from elitelanes_jax import Optimizer, annealed_ea, annealed_gwo, annealed_pso, road_problem
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import AnnealedGwoConfig, AnnealedPsoConfig, AnnealingConfig, _annealed, seed_keys
 from elitelanes_jax.optimizers._annealed import AnnealedState
@@ -27,7 +27,7 @@ every_method = pytest.mark.parametrize(
 )
 
 
-def test_swarms_copy_from_whom_their_options_say(monkeypatch):
+def test_chains_copy_from_whom_their_options_say(monkeypatch):
     """Two islands of four chains: their grids are 0 to 7, and their best ones 10 to 17."""
     monkeypatch.setattr(_annealed, "_make_optimizer", lambda problem, config, mates: Optimizer(mates, None, None, 0))
     fitness, none = jnp.array([5, 3, 1, 7, 2, 9, 4, 6], jnp.int32), jnp.zeros((8, 0), jnp.int32)
@@ -42,6 +42,7 @@ def test_swarms_copy_from_whom_their_options_say(monkeypatch):
         return [dict(zip(*np.unique(drawn[:, chain], return_counts=True), strict=True)) for chain in (0, 5)]
 
     for method, config, expected in (
+        (annealed_ea, AnnealingConfig(), [{first + n: 0.25 for n in range(4)} for first in (0, 4)]),
         (
             annealed_pso,
             AnnealedPsoConfig(cognitive=0.3, social=0.5),

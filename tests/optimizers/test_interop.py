@@ -151,6 +151,8 @@ def test_scores_of_any_dtype(dtype):
 
 
 def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
+    ranges = [(1, 13), (0, 1001), (1, 3)]
+    assert ribs_archive_space(problem) == {"solution_dim": 30, "dims": [6, 7, 2], "ranges": ranges}
     decode, score = ribs_grids(problem), ribs_evaluate(problem)
     whole = np.asarray(grids)
     flat = whole.reshape(COUNT, -1)

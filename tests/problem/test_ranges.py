@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 from functools import partial
+from itertools import product
 
 import jax
 import jax.numpy as jnp
@@ -66,11 +67,12 @@ def test_the_farther_from_a_range_the_more_it_costs():
 
 
 def test_scores_cost_as_much_as_tiles_of_a_street():
-    """On 12 x 12 tiles: the 12th straight of a street adds 23 to its score, and two crossings side by side score 8."""
-    for name, unit in (("straight_score", 24), ("adjacent_crossing_score", 8), ("crossings", 1)):
+    """Along 12 tiles: the 12th straight of a street adds 23 to its score, and two crossings side by side score 8."""
+    scores = (("straight_score", 24), ("adjacent_crossing_score", 8), ("crossings", 1))
+    for (name, unit), shape in product(scores, ((12, 5), (5, 12))):
         values = jnp.zeros((3, len(METRIC_NAMES)), jnp.int32)
         values = values.at[:, METRIC_NAMES.index(name)].set(jnp.array([100, 100 - unit, 100 - 3 * unit]))
-        assert penalty(values, parse_ranges([f"{name}=100.."]), (12, 12)).tolist() == [0, 480, 3 * 480]
+        assert penalty(values, parse_ranges([f"{name}=100.."]), shape).tolist() == [0, 480, 3 * 480]
 
 
 @pytest.mark.parametrize(("bins", "widths"), [(6, [3, 27, 167, 1]), (4, [5, 41, 250, 1])])

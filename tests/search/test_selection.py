@@ -153,6 +153,11 @@ def test_maps_that_hardly_differ_come_last():
         assert len({canonical_form(original), canonical_form(copy)} & first) == 1
     assert len(found.choose(6).maps) == 6
     assert len(found.choose(6, min_difference=(0.15,)).maps) == 3
+    # A near-copy has another cyclomatic number. It is no second choice where the other one is on target.
+    on_target = int(measure(originals[0]).cyclomatic)
+    axes = (AXES[0]._replace(bins=99, target=on_target), *AXES[1:])
+    aimed = replace(found, search=replace(found.search, axes=axes))
+    assert len(aimed.choose(6, min_difference=(0.15,)).maps) == 3
 
 
 def test_niches_that_lie_apart_come_first(evolved):

@@ -229,6 +229,7 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
     for options, origin in (
         ({"where": "tiles=..3"}, "where"),
         ({"style": Style("few", {"where": "tiles=..3"})}, "style 'few': where"),
+        ({"style": Style("few", {"large": {"where": "tiles=..3"}})}, "style 'few': where"),
     ):
         for search in (lambda spec: resolve(spec, (12, 12), room_for="maps"), lambda spec: evolve(0, spec=spec)):
             with pytest.raises(InputError, match=f"^{origin} 'tiles=..3': expected a range with 144"):
