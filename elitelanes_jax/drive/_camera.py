@@ -8,6 +8,7 @@ the ground's colour, or above the horizon the sky's. Objects stand in front of a
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -285,7 +286,6 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
 
 @name_wrong_arguments
 @runs_jax
-@divide_batches
 def look(
     pose: Pose,
     grid: Int[ArrayLike, "H W"],
@@ -322,10 +322,26 @@ def look(
         raise InputError(
             f"objects: expected those of one map; jax.vmap takes several; got shape {shape}"
         )
-    if chosen is None:
-        tiles = _tiles_of(codes, sight)
-    else:
+    tiles = None
+    if chosen is not None:
         tiles = _chosen_tiles(jnp.asarray(chosen), codes.shape, len(sight.atlas))
+    return _look(pose, codes, sight, objects, key, tiles)
+
+
+# Other compiled programs include this one as if it were written in them.
+@partial(jax.jit, inline=True)
+@divide_batches
+def _look(
+    pose: Pose,
+    codes: Int[Array, "H W"],
+    sight: Sight,
+    objects: Objects | None,
+    key: Key[Array, ""] | None,
+    tiles: Int[Array, "H W"] | None,
+) -> View:
+    """Renders a view; `tiles` are the atlas' tiles that cells show, by default the sight's."""
+    if tiles is None:
+        tiles = _tiles_of(codes, sight)
     if key is None:
         # Environments observe without a key. The noise is hashed from the pose instead.
         seed = jnp.uint32(0)

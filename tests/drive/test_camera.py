@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled_programs import compilations
 from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, render
@@ -196,6 +197,14 @@ def seconds(function, *args):
         jax.block_until_ready(function(*args))
         spent.append(time.process_time() - began)
     return min(spent)
+
+
+def test_a_further_view_compiles_nothing(scene):
+    grid, _, sight, _ = scene
+    look(Pose(1.5, 1.5, 0.0), grid, sight)
+    with compilations() as compiled:
+        look(Pose(2.5, 1.5, 1.0), grid, sight)
+    assert not compiled
 
 
 def test_faults_are_named():
