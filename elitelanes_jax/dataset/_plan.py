@@ -24,9 +24,13 @@ from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.selection import MIN_DIFFERENCE
 
-# Each round evolves 16 seeds and returns at most 512 maps, because maps of one seed are related.
-# After a round with fewer than 8 maps, the maps of the next rounds may be more alike.
-_SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
+# The seeds that a round evolves. A round returns a part of their maps, because maps of one seed are
+# related.
+_SEEDS = 16
+# The most maps of a round.
+_FROM_ROUND = 512
+# After a round with fewer maps than this, the maps of the next rounds may be more alike.
+_FEW = 8
 # The number of sizes whose programs are compiled beside the search of another one: one is traced
 # while the other compiles.
 _AHEAD = 2
@@ -47,10 +51,9 @@ def evolve_maps(
     applies. The maps of a round are spread evenly over the niches. Raises `NotEnoughMapsError`.
     """
     # Each size has a search of its own, because a program is compiled for one size.
-    sizes = [
-        _Size(spec.seed, searches[shape], count, work)
-        for shape, count in maps_by_shape(spec).items()
-    ]
+    sizes: list[_Size] = []
+    for shape, count in maps_by_shape(spec).items():
+        sizes.append(_Size(spec.seed, searches[shape], count, work))
     # Workers search the rounds that are certain to be needed. The loop below reads their results.
     if pool is not None:
         _evolve_ahead(sizes, pool)
@@ -60,10 +63,10 @@ def evolve_maps(
         # the sizes before it. The first size compiles its own.
         compiled: list[Callable[[], None]] = [lambda: None]
         for index, size in enumerate(sizes):
-            compiled += [
-                later.compile_aside() for later in sizes[len(compiled) : index + 1 + _AHEAD]
-            ]
-            compiled[index]()
+            for next_size in sizes[len(compiled) : index + 1 + _AHEAD]:
+                compiled.append(next_size.compile_aside())
+            wait_for_programs = compiled[index]
+            wait_for_programs()
             # A map may also be like one of another size, so all earlier maps are compared.
             for maps_of_round in size.rounds([road_map.codes for road_map in maps]):
                 maps += maps_of_round
@@ -119,8 +122,10 @@ class _Size(NamedTuple):
         """
         # The maps of this size from earlier rounds.
         earlier: list[NDArray[np.int8]] = []
-        # Rounds that an earlier run has written are read, so that the level becomes the same again.
-        number = level = 0
+        number = 0
+        # The level is the index in `MIN_DIFFERENCE`. Rounds that an earlier run has written are read,
+        # so that it becomes the same again.
+        level = 0
         while len(earlier) < self.wanted:
             file = self.file(number)
             if not file.exists():
@@ -129,10 +134,8 @@ class _Size(NamedTuple):
                 # maps again.
                 lines = (vars(road_map) | {"codes": road_map.codes.tolist()} for road_map in chosen)
                 write_atomic(file, (f"{json.dumps(line)}\n".encode() for line in lines))
-            new = [
-                RoadMap(**json.loads(line))
-                for line in file.read_text(encoding="utf-8").splitlines()
-            ]
+            lines_of_file = file.read_text(encoding="utf-8").splitlines()
+            new = [RoadMap(**json.loads(line)) for line in lines_of_file]
             # If few maps differ enough, the next ones may differ less.
             if len(new) < min(_FEW, self.wanted - len(earlier)):
                 level += 1
@@ -200,7 +203,8 @@ class _Size(NamedTuple):
         # The search counts its seeds from 0 in each round, and the dataset counts them over all
         # rounds.
         first = number * _SEEDS
-        return [
-            replace(road_map, seed=(self.seed, first + (road_map.seed or (0, 0))[1]))
-            for road_map in choice.maps
-        ]
+        maps = []
+        for road_map in choice.maps:
+            _, index = road_map.seed or (0, 0)
+            maps.append(replace(road_map, seed=(self.seed, first + index)))
+        return maps

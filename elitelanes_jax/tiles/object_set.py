@@ -47,8 +47,9 @@ from elitelanes_jax.tiles._lots import draw_lots
 from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed, paste
 
-# The keys of object.toml; a tag is optional.
-_KEYS, _TAG = ("kind", "height", "footprint"), "tag"
+# The keys that object.toml needs, and the one that it may have.
+_KEYS = ("kind", "height", "footprint")
+_TAG = "tag"
 # The largest height and footprint in metres.
 _MOST = 10
 
@@ -176,9 +177,9 @@ def _with_tag(pictures: ObjectPictures, number: int) -> ObjectPictures:
         top = pictures.top
         # The pixels of a metre.
         metre = top.shape[1] / pictures.footprint[0]
-        return replace(
-            pictures, top=_paint_tag(top, number, top.shape[0] / 2, side * metre, side * metre)
-        )
+        side_px = side * metre
+        painted = _paint_tag(top, number, top.shape[0] / 2, side_px, side_px)
+        return replace(pictures, top=painted)
     views = {}
     for angle, pixels in pictures.views.items():
         metre = pixels.shape[0] / pictures.height
@@ -287,24 +288,25 @@ def load_objects(folder: ObjectSet | str | Path | None = None) -> ObjectSet:
     """
     if isinstance(folder, ObjectSet):
         return folder
-    return _own_objects() if folder is None else _load(check_named("objects", path, folder))
+    if folder is None:
+        return _own_objects()
+    return _load(check_named("objects", path, folder))
 
 
 def _load(folder: Path) -> ObjectSet:
     if not folder.is_dir():
-        raise InputError(
-            f"{folder}: expected a folder of objects, got {'a file' if folder.exists() else 'none'}"
-        )
-    pictured = {
-        file.parent for name in ("image.png", "object.toml") for file in folder.glob(f"*/{name}")
-    }
-    if not pictured:
+        got = "a file" if folder.exists() else "none"
+        raise InputError(f"{folder}: expected a folder of objects, got {got}")
+    # A folder with one of these files was meant as an object, and is refused without the other.
+    object_folders: set[Path] = set()
+    for name in ("image.png", "object.toml"):
+        object_folders.update(file.parent for file in folder.glob(f"*/{name}"))
+    if not object_folders:
         raise InputError(
             f"{folder}: expected folders with object.toml and image.png, such as duckie_1, got none"
         )
-    return ObjectSet(
-        folder.resolve().name, tuple(_load_pictures(parent) for parent in sorted(pictured))
-    )
+    pictures = tuple(_load_pictures(object_folder) for object_folder in sorted(object_folders))
+    return ObjectSet(folder.resolve().name, pictures)
 
 
 def _load_pictures(folder: Path) -> ObjectPictures:
@@ -355,14 +357,17 @@ class _About(NamedTuple):
 
 def _read_about(file: Path) -> _About:
     about = read_toml(file, str(file))
-    for key in sorted(set(about) | set(_KEYS)):
-        if key in about and key not in (*_KEYS, _TAG):
-            known = ", ".join((*_KEYS, _TAG))
+    known_keys = (*_KEYS, _TAG)
+    # Of unknown and missing keys, the first one in the alphabet is named.
+    for key in sorted({*about, *_KEYS}):
+        if key not in known_keys:
+            known = ", ".join(known_keys)
             raise InputError(f"{file}: expected the keys {known}, got {shorten(repr(key))}")
         if key not in about:
             raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got no {key}")
     kind = check_named(str(file), check_kind, about["kind"])
-    height, is_flat = about["height"], OBJECT_KINDS[base_kind(kind)].height == 0
+    height = about["height"]
+    is_flat = OBJECT_KINDS[base_kind(kind)].height == 0
     # Tags on the floor have height 0, and all other objects are higher.
     if is_flat and not (is_real(height) and height == 0):
         raise InputError(
