@@ -171,15 +171,20 @@ def _line_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "
     for curve in lane_curves(movement, offset):
         # A straight line is cut into chords too, because PufferDrive files a segment under the
         # middle of it, in cells of 5 m.
-        parts.append(curve.points(np.linspace(0, 1, CHORDS + 1))[1 if parts else 0 :])
+        part = curve.points(np.linspace(0, 1, CHORDS + 1))
+        if parts:
+            # A curve starts at the last point of the curve before it.
+            part = part[1:]
+        parts.append(part)
     points = np.concatenate(parts)
     # Near each end is a further point, exactly along the heading. It fixes the direction of the
     # outer segment.
     first, last = points[0], points[-1]
     # Copying keeps the coordinate across the heading exact, because sines of right angles are not
     # exactly 0.
-    inner = [_ahead(first, heading, _STRAIGHT), _ahead(last, movement.exit, -_STRAIGHT)]
-    return np.concatenate([[first, inner[0]], points[1:-1], [inner[1], last]]).round(12)
+    second = _ahead(first, heading, _STRAIGHT)
+    last_but_one = _ahead(last, movement.exit, -_STRAIGHT)
+    return np.concatenate([[first, second], points[1:-1], [last_but_one, last]]).round(12)
 
 
 def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Float[np.ndarray, "2"]:
@@ -244,8 +249,10 @@ def _follow(
     while length <= along[-1]:
         index = int(rng.choice(successors[index]))
         # A lane starts at the last point of the lane before it, so this point is left out.
-        parts.append(roads[index].points[1:])
-        length = _lengths(np.concatenate([parts[-2][-1:], parts[-1]]), length)[-1]
+        part = roads[index].points[1:]
+        end_before = parts[-1][-1:]
+        length = _lengths(np.concatenate([end_before, part]), length)[-1]
+        parts.append(part)
     path = np.concatenate(parts)
     lengths = _lengths(path)
     # The direction of the segment that a car is on gives its heading and its velocity.

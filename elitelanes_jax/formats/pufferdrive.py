@@ -97,7 +97,7 @@ def _to_binary(traffic: Traffic) -> bytes:
 
 
 def _floats(points: NDArray[np.complex128]) -> bytes:
-    """Returns all x, then all y, then all z, which are 0."""
+    """Returns all x, then all y, then all z, which are 0, of points x + y·i."""
     return _one_float_each(np.concatenate([points.real, points.imag, np.zeros(len(points))]))
 
 

@@ -127,7 +127,8 @@ def _file_name(value: UserValue) -> str:
 def _solid(item: Standing, rows: int, number: int, tile_size: float) -> str:
     """Returns the box of an object.
 
-    The scales of the box are halves, because a cube of USD has sides of length 2.
+    A cube of USD has sides of length 2, so the scales of the box are half of its sides. Half of the
+    height is also the z of the middle.
     """
     thing, scale = item.thing, tile_size / TILE_SIZE
     length, width = thing.footprint

@@ -78,7 +78,9 @@ def lane_lengths(
 ) -> Float[np.ndarray, "3"]:
     """Returns the length of the lane of each turn in tiles: right, straight and left."""
     # A turn is a quarter of a circle, and straight on is one tile.
-    return np.where(lane_bends() == 0, 1, lane_radii(offset, dtype) * np.pi / 2).astype(dtype)
+    is_straight = lane_bends() == 0
+    quarter_circles = lane_radii(offset, dtype) * np.pi / 2
+    return np.where(is_straight, 1, quarter_circles).astype(dtype)
 
 
 class Curve(NamedTuple):
@@ -134,7 +136,9 @@ def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
     has three: a line to the tile's middle, a half circle about it, whose radius is the offset, and
     a line back. Its offset is not 0.
     """
-    heading, bend = movement.heading, movement.turn - 1
+    heading = movement.heading
+    # -1 to the right, 0 straight on, 1 to the left.
+    bend = movement.turn - 1
     # A movement enters by the side behind its heading, on the right of the road's middle.
     entry = middle_of_side(movement.node.tile, (heading + 2) % 4)
     start = moved(entry, (heading + 1) % 4, offset)

@@ -34,16 +34,16 @@ def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
       InputError: for anything else than metres, or a floor with room for fewer than 2 x 2 tiles.
     """
     metres = real(0, 10_000, unit="metres, a number", exclusive=True)
-    # The order is that of rows and columns.
-    sides = check_named("depth", metres, depth), check_named("width", metres, width)
+    depth = check_named("depth", metres, depth)
+    width = check_named("width", metres, width)
     margin = floor_margin()
-    rows, columns = (int((side - 2 * margin) / TILE_SIZE + _ROUNDING) for side in sides)
+    rows, columns = (int((side - 2 * margin) / TILE_SIZE + _ROUNDING) for side in (depth, width))
     if min(rows, columns) < _SMALLEST:
         # The size in the message is rounded up to millimetres, because a smaller floor would fail
         # again.
         least = ceil(1000 * (_SMALLEST * TILE_SIZE + 2 * margin)) / 1000
         raise InputError(
-            f"floor: expected at least {least:g} x {least:g} m, got {sides[1]:g} x {sides[0]:g} m"
+            f"floor: expected at least {least:g} x {least:g} m, got {width:g} x {depth:g} m"
         )
     return rows, columns
 
