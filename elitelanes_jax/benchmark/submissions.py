@@ -101,14 +101,15 @@ class Submission(NamedTuple):
         Raises:
           InputError: as `score`.
         """
-        return _grade(self.task, _measure(self))
+        measured = _measure(self)
+        return _grade(self.task, _best_fitness(self.task, measured), measured)
 
 
 def score_and_grade(submission: Submission) -> dict[str, NDArray[np.float64]]:
     """Returns the scores and the graded score, by name, each ``[R, T]``; measures once."""
     measured = _measure(submission)
     best = _best_fitness(submission.task, measured)
-    graded = _grade(submission.task, measured)
+    graded = _grade(submission.task, best, measured)
     return compute_scores(submission.task, best)._asdict() | {"graded": graded}
 
 
@@ -188,9 +189,8 @@ def _best_fitness(task: Task, measured: Measured) -> NDArray[np.float64]:
     return best
 
 
-def _grade(task: Task, measured: Measured) -> NDArray[np.float64]:
-    """Returns the graded score ``[R, T]``; raises `InputError` as `_best_fitness`."""
-    best = _best_fitness(task, measured)
+def _grade(task: Task, best: NDArray[np.float64], measured: Measured) -> NDArray[np.float64]:
+    """Returns the graded score ``[R, T]``; `best` is that of `_best_fitness`."""
     fewest = np.full(best.shape, np.inf)
     for niche, cyclomatic in enumerate(task.cyclomatic):
         here = measured.cyclomatic == cyclomatic
