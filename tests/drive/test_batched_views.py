@@ -197,7 +197,7 @@ def test_objects_hide_labels_and_no_robot_touches_them(furnished, crowded):
 
 
 def test_a_pose_is_drawn_anew_until_it_touches_no_object():
-    """Buses are on most tiles of a ring, so many second poses touch one as well."""
+    """Most tiles of the ring have a bus, so that often a second pose touches one too."""
     ring = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
     buses = [MapObject("bus", x, y, 0.0, 0.12) for x, y in ((1.5, 0.5), (2.5, 0.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5))]
     poses = plans_of(jax.random.key(0), make_scenes(RoadMap(ring, objects=buses), tile_px=16), 32).pose

@@ -76,8 +76,8 @@ def furnish(
 def placed_kinds(spec: FurnishSpec, codes: Collection[int]) -> set[str]:
     """Returns the kinds that `furnish` may place, besides the user's objects, on maps of some codes.
 
-    A map may get none of a kind: its crossings may have no room for signs, and a share of its cells
-    may be less than half an object.
+    A map may get no object of a kind, because its crossings have no room for signs, or because the
+    number of objects for its cells is rounded to 0.
     """
     kinds = scenery_kinds(spec)
     if spec.street_names != "none":

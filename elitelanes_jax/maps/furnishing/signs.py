@@ -101,7 +101,10 @@ def place_light(crossing: Cell, corner: int) -> MapObject:
 
 
 def sign_kinds(code: int, lights: float) -> set[str]:
-    """Returns the kinds of signs at crossings of a code, of which a share has traffic lights."""
+    """Returns the kinds of signs at crossings of a code.
+
+    `lights` is the share of the crossings that have traffic lights.
+    """
     sides = [index for index, side in enumerate(SIDES) if code & side.bit]
     # A driver may enter by each side, with the heading to the opposite one.
     kinds = {topology_sign(sides, (side + 2) % 4) for side in sides}
