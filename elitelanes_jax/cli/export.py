@@ -31,7 +31,6 @@ from elitelanes_jax.maps.exporting import (
     LOOP,
     Format,
     FormatOptions,
-    as_bytes,
     without_ends,
 )
 from elitelanes_jax.maps.faults import warn_of_faults
@@ -117,7 +116,7 @@ def _export_table(options: argparse.Namespace) -> None:
     grids = [read_map(file).codes for file in options.maps]
     # The rows of the table have the maps' files as names.
     names = [str(file) for file in options.maps]
-    _write_new(options.out, table_to_csv(measure_maps(names, grids)))
+    _write_new(options.out, table_to_csv(measure_maps(names, grids)).encode())
     say(f"{pluralize(len(grids), 'map')} in {options.out}")
 
 
@@ -155,7 +154,7 @@ def _write_maps(
 ) -> None:
     """Writes the files of maps, to a file or a folder."""
 
-    def contents(file: Path, name: str) -> tuple[str | bytes, ...]:
+    def contents(file: Path, name: str) -> dict[str, bytes]:
         with naming(file), naming_options(FormatOptions()):
             return target.files(maps[file], name, **settings)
 
@@ -169,7 +168,7 @@ def _write_maps(
         if len(maps) > 1:
             raise InputError(f"--out: expected a folder for {len(maps)} maps, got a file, {out}")
         for file in maps:
-            _write_new(out, *contents(file, out.name[: -len(only)]))
+            _write_new(out, *contents(file, out.name[: -len(only)]).values())
         return
     # A name such as maps.txt was meant for a file, and would make a folder of this name.
     if ends_as_file(out):
@@ -180,9 +179,9 @@ def _write_maps(
     with output_folder(out, {"command": "export"}) as work:
         written: list[Path] = []
         for file, stem in names.items():
-            for place, content in zip(target.paths(stem), contents(file, stem), strict=True):
+            for place, content in contents(file, stem).items():
                 written.append(work.files / place)
-                write_atomic(written[-1], as_bytes(content))
+                write_atomic(written[-1], content)
         # A catalogue lists the files, so it is written after them.
         if target.catalogue is not None:
             for index_name, content in target.catalogue(work.files, written).items():
@@ -218,9 +217,9 @@ def _stem(file: Path) -> Path:
     return path.parent if path.name == "map" else path
 
 
-def _write_new(file: Path, content: str | bytes) -> None:
+def _write_new(file: Path, content: bytes) -> None:
     with never_replacing(file):
-        write_atomic(file, as_bytes(content))
+        write_atomic(file, content)
 
 
 def add_pack(commands: Commands) -> None:

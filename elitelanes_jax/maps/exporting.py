@@ -35,11 +35,6 @@ if TYPE_CHECKING:
     from elitelanes_jax.tiles.tileset import TileSet
 
 
-def as_bytes(content: str | bytes) -> bytes:
-    """Returns the bytes of a file."""
-    return content.encode() if isinstance(content, str) else content
-
-
 class Format(NamedTuple):
     """A format with files for each map.
 
@@ -64,10 +59,14 @@ class Format(NamedTuple):
         """Returns the path of each file of a map in its folder; `name` is theirs without suffix."""
         return [f"{self.prefix}{name}{suffix}" for suffix in self.suffixes]
 
-    def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str | bytes, ...]:
-        """Returns the content of each file of a map; `name` is theirs without suffix."""
+    def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> dict[str, bytes]:
+        """Returns the content of each file of a map by its path; `name` is theirs without suffix."""
         made = self.convert(road_map, name, **settings)
-        return (made,) if isinstance(made, str | bytes) else tuple(made)
+        contents = (made,) if isinstance(made, str | bytes) else made
+        files: dict[str, bytes] = {}
+        for file, content in zip(self.paths(name), contents, strict=True):
+            files[file] = content.encode() if isinstance(content, str) else content
+        return files
 
 
 # At 256 pixels a tile the robot of MuJoCo sees lines with sharp edges. At 64 its picture differs
@@ -351,6 +350,4 @@ def export(
     settings = check_named("options", instance(FormatOptions), options)
     settings.check_taken_by(to)
     stem = check_named("name", text_name, name)
-    contents = target.files(as_map(road_map), stem, **settings.loaded())
-    paths = target.paths(stem)
-    return {path: as_bytes(content) for path, content in zip(paths, contents, strict=True)}
+    return target.files(as_map(road_map), stem, **settings.loaded())

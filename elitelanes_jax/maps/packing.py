@@ -28,7 +28,7 @@ from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
 from elitelanes_jax.lanes.curves import LANE_OFFSET, lane_lengths
 from elitelanes_jax.lanes.movements import LaneGraph, LaneNode, lane_graph
 from elitelanes_jax.maps._splits import split_niches
-from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes, lane_offset_of, without_ends
+from elitelanes_jax.maps.exporting import FORMATS, LOOP, lane_offset_of, without_ends
 from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
@@ -228,8 +228,8 @@ def _write_formats(
             continue
         # A format whose settings remove dead ends does so itself.
         contents = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
-        for file, content in zip(files, contents, strict=True):
-            write_atomic(file, as_bytes(content))
+        for file, content in contents.items():
+            write_atomic(niche_folder / file, content)
 
 
 def _row(town: _Town, lanes: int, trips: Sequence[Mapping[str, Plain]]) -> dict[str, Plain]:

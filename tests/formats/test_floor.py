@@ -24,7 +24,7 @@ from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.gltf import to_gltf
 from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
 from elitelanes_jax.lanes.movements import Movement, lane_graph
-from elitelanes_jax.maps.exporting import FORMATS, as_bytes
+from elitelanes_jax.maps.exporting import FORMATS
 from elitelanes_jax.network import wfc
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render
 from elitelanes_jax.tiles.rendering import stand
@@ -67,7 +67,7 @@ def test_the_robot_starts_on_the_lanes_of_the_tile_set(tmp_path):
     shutil.copytree(default_tiles(), tmp_path / "tiles")
     with (tmp_path / "tiles" / "tileset.toml").open("a") as file:
         file.write("lane_offset = 0.25\n")
-    model, _ = FORMATS["mujoco"].files(RoadMap(TOWN), "town", tile_px=16, tiles=load_tiles(tmp_path / "tiles"))
+    model, _ = FORMATS["mujoco"].files(RoadMap(TOWN), "town", tile_px=16, tiles=load_tiles(tmp_path / "tiles")).values()
     body = ET.fromstring(model).find(".//body[@name='robot']")
     x, y, _ = (float(part) / TILE for part in body.get("pos").split())
     theta = np.radians(float(body.get("euler").split()[2]))
@@ -155,7 +155,7 @@ def test_trimesh_reads_the_floor_as_it_was_written():
     trimesh = pytest.importorskip("trimesh")
     for number in range(1000):
         codes = city(number)
-        (made,) = FORMATS["gltf"].files(RoadMap(codes), "city", tile_px=16)
+        (made,) = FORMATS["gltf"].files(RoadMap(codes), "city", tile_px=16).values()
         scene = trimesh.load(io.BytesIO(made), file_type="glb")
         (floor,) = scene.geometry.values()
         height, width = codes.shape
@@ -173,7 +173,7 @@ def test_trimesh_reads_the_floor_as_it_was_written():
 @pytest.mark.slow
 def test_trimesh_sees_objects_where_they_stand():
     trimesh = pytest.importorskip("trimesh")
-    (made,) = FORMATS["gltf"].files(RoadMap(TOWN, objects=THINGS), "city")
+    (made,) = FORMATS["gltf"].files(RoadMap(TOWN, objects=THINGS), "city").values()
     meshes = trimesh.load(io.BytesIO(made), file_type="glb").dump()
     for thing, front, wide, _ in stand(THINGS):
         middle = [thing.x * TILE, thing.height / 2, (thing.y - len(TOWN)) * TILE]
@@ -191,8 +191,8 @@ def mujoco(monkeypatch):
 
 
 def load(mujoco, road_map, tile_px=64):
-    text, picture = FORMATS["mujoco"].files(road_map, "city", tile_px=tile_px)
-    model = mujoco.MjModel.from_xml_string(text, assets={"city.png": picture})
+    text, picture = FORMATS["mujoco"].files(road_map, "city", tile_px=tile_px).values()
+    model = mujoco.MjModel.from_xml_string(text.decode(), assets={"city.png": picture})
     return model, mujoco.MjData(model)
 
 
@@ -264,9 +264,8 @@ def test_mujoco_loads_maps_and_the_robot_stands_on_its_wheels(mujoco):
 @pytest.mark.parametrize("kind", sorted({*ODD_NAMES} - REFUSED["mujoco"]))
 def test_mujoco_finds_pictures_of_odd_names(mujoco, kind, tmp_path):
     model = tmp_path / f"{ODD_NAMES[kind]}.xml"
-    made = FORMATS["mujoco"].files(RoadMap(TOWN), ODD_NAMES[kind], tile_px=16)
-    for file, content in zip((model, model.with_suffix(".png")), made, strict=True):
-        file.write_bytes(as_bytes(content))
+    for file, content in FORMATS["mujoco"].files(RoadMap(TOWN), ODD_NAMES[kind], tile_px=16).items():
+        (tmp_path / file).write_bytes(content)
     assert mujoco.MjModel.from_xml_path(str(model)).ntex == 2
 
 

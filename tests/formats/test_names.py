@@ -35,7 +35,7 @@ def read_mujoco(files):
 
 def read_movingai(files):
     """C++ and Python split a line where they find spaces."""
-    words = [line.split() for line in files[1].splitlines()[1:]]
+    words = [line.split() for line in files[1].decode().splitlines()[1:]]
     assert {len(line) for line in words} == {9}
     (name,) = {line[1] for line in words}
     return name.removesuffix(".map")
@@ -51,7 +51,7 @@ def read_scenarionet(files):
 
 def read_usd(files):
     """A path is what stands between two @ on a line."""
-    (path,) = re.findall("@([^@\n]*)@", files[0])
+    (path,) = re.findall("@([^@\n]*)@", files[0].decode())
     return path.removeprefix("./").removesuffix(".png")
 
 
@@ -74,11 +74,11 @@ def test_a_name_is_read_as_it_is_or_refused(to, kind):
         with pytest.raises(InputError, match=r"^(name|picture): expected a name .*, got .+"):
             FORMATS[to].files(TOWN, name, **size)
         return
-    files = FORMATS[to].files(TOWN, name, **size)
+    files = list(FORMATS[to].files(TOWN, name, **size).values())
     if to in READERS:
         assert READERS[to](files) == name
     else:  # no name is in the files
-        assert files == FORMATS[to].files(TOWN, "town", **size)
+        assert files == list(FORMATS[to].files(TOWN, "town", **size).values())
 
 
 @pytest.mark.parametrize("kind", ODD_NAMES)
@@ -114,8 +114,10 @@ def test_a_command_refuses_a_name_in_one_line_and_writes_nothing(to, kind, tmp_p
 def test_scenarios_of_different_maps_have_different_ids():
     """Tools for CommonRoad keep results by the ID of a scenario."""
     maps = [TOWN, RoadMap(TOWN.codes), RoadMap([[6, 3], [12, 9]]), RoadMap(np.rot90([[6, 5, 3], [12, 5, 9]]))]
-    texts = [FORMATS["commonroad"].files(one, "town", tile_size=size)[0] for one in maps for size in (30.0, 8.0)]
+    texts = [
+        FORMATS["commonroad"].files(one, "town", tile_size=size)["town.xml"] for one in maps for size in (30.0, 8.0)
+    ]
     ids = [ET.fromstring(text).get("benchmarkID") for text in texts]
     assert all(re.fullmatch(r"ZAM_Tiles-[1-9]\d*_1_T-1", one) for one in ids)
     assert ids[:2] == ids[2:4] and len(set(ids)) == 6  # a tree is in no network
-    assert texts[0] == FORMATS["commonroad"].files(maps[0], "town", tile_size=30.0)[0]
+    assert texts[0] == FORMATS["commonroad"].files(maps[0], "town", tile_size=30.0)["town.xml"]

@@ -11,7 +11,7 @@ from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.usd import to_usd
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.maps.exporting import FORMATS, as_bytes
+from elitelanes_jax.maps.exporting import FORMATS
 
 TILE = 0.6
 # A round object at a corner of the map, one that is turned, and a kind with a colon.
@@ -38,9 +38,8 @@ def pxr():
 
 def write(folder, road_map, name="town"):
     stage = folder / f"{name}.usda"
-    files = FORMATS["usd"].files(road_map, name, tile_px=16, tile_size=TILE)
-    for file, content in zip((stage, stage.with_suffix(".png")), files, strict=True):
-        file.write_bytes(as_bytes(content))
+    for file, content in FORMATS["usd"].files(road_map, name, tile_px=16, tile_size=TILE).items():
+        (folder / file).write_bytes(content)
     return stage
 
 
