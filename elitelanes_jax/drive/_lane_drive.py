@@ -664,11 +664,12 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     # The target is relative to the robot, ahead and to the left.
     east, north = target.x - state.pose.x, state.pose.y - target.y
     cosine, sine = jnp.cos(state.pose.theta), jnp.sin(state.pose.theta)
-    ahead, left = east * cosine + north * sine, north * cosine - east * sine
+    ahead = rounded(east * cosine) + rounded(north * sine)
+    left = rounded(north * cosine) - rounded(east * sine)
     # An arc from the origin, in direction of x, to a point has twice its y over its squared
     # distance.
-    curvature = 2 * left / jnp.maximum(ahead * ahead + left * left, 1e-6)
-    turn = _SPEED * curvature / TILE
+    curvature = 2 * left / jnp.maximum(rounded(ahead * ahead) + rounded(left * left), 1e-6)
+    turn = _SPEED / TILE * curvature
     if params.action == "twist":
         return jnp.clip(
             jnp.stack([_SPEED / params.robot.top_speed, turn / params.robot.top_turn]), -1, 1

@@ -80,8 +80,9 @@ def to_wheels(
     The commands are those of the left and the right wheel, -1 to 1. If one wheel would exceed the
     top speed, both are slowed down, so that the curve stays the same.
     """
-    # `half` is half of the difference between the speeds of the two wheels.
-    half = rounded(turn * robot.wheel_distance) / 2
+    # `half` is half of the difference between the speeds of the two wheels. A turn that is a
+    # product is rounded first, because XLA multiplies three factors in different orders.
+    half = rounded(rounded(turn) * robot.wheel_distance) / 2
     # Without reciprocals XLA divides in a single program and multiplies by them in a batch.
     wheels = jnp.stack([speed - half, speed + half], axis=-1) * (1 / robot.top_speed)
     return wheels / jnp.maximum(jnp.abs(wheels).max(axis=-1, keepdims=True), 1)

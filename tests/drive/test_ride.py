@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -46,6 +47,16 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
         make_rides(GRID, seed=2**32)
     with pytest.raises(InputError, match="^grid: expected a lane, a tile that connects to two others, got none$"):
         make_rides([[2, 8]])
+
+
+# Only slow tests compile as users do. The quick programs of all other tests add no product in one instruction.
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", ["route", "random"])
+def test_a_ride_alone_has_the_bits_of_a_ride_among_others(policy):
+    for seed in range(4):
+        alone = make_rides(GRID, 1, policy=policy, seconds=20, seed=seed)
+        first = jax.tree.map(itemgetter(slice(1)), make_rides(GRID, 5, policy=policy, seconds=20, seed=seed))
+        jax.tree.map(np.testing.assert_array_equal, alone, first)
 
 
 def test_a_film_is_checked_at_the_call(drawn_tiles):
