@@ -118,36 +118,18 @@ class _CutPhotographs(NamedTuple):
     """What was cut out of the photographs of a command.
 
     Attributes:
-      files: the photographs, as the user names them.
       cuts: the tiles.
-      proposals: where the tiles are in each photograph.
-      pictures: each photograph with the outlines of its tiles, for the sheet.
+      used: the photographs whose tiles were found, as the user names them, and where the tiles are.
+      refused: a line for each other photograph.
+      proposals: for the sheet, where the tiles may be in each photograph that has an outline.
+      pictures: for the sheet, these photographs with the outlines of their tiles.
     """
 
-    files: Sequence[Path]
     cuts: "list[Cut]"
+    used: "list[tuple[Path, Proposal]]"
+    refused: list[str]
     proposals: "list[Proposal]"
     pictures: "list[NDArray[np.uint8]]"
-
-    def refused(self) -> list[str]:
-        """Returns a line for each photograph whose tiles were not found."""
-        from elitelanes_jax.tiles.photographs.proposals import SURE
-
-        return [
-            f"{file}: {proposal.advice}"
-            for file, proposal in zip(self.files, self.proposals, strict=True)
-            if proposal.score < SURE
-        ]
-
-    def used(self) -> "list[tuple[Path, Proposal]]":
-        """Returns the photographs whose tiles were found, and where the tiles are."""
-        from elitelanes_jax.tiles.photographs.proposals import SURE
-
-        return [
-            (file, proposal)
-            for file, proposal in zip(self.files, self.proposals, strict=True)
-            if proposal.score >= SURE
-        ]
 
 
 def _cut(options: argparse.Namespace) -> int:
@@ -162,12 +144,11 @@ def _cut(options: argparse.Namespace) -> int:
         raise _nothing_cut_error(photographs, options.photos[0])
     earlier_set = _write_set(out, photographs, overwrite=options.overwrite)
     say("\n".join(_describe_set(photographs, out, earlier_set)))
-    refused = photographs.refused()
-    if not refused:
+    if not photographs.refused:
         return 0
     # The set lacks the tiles of these photographs. A script learns it from the exit code, which is
     # that of a command whose photographs are all refused.
-    warn("\n".join(f"refused: {line}" for line in refused))
+    warn("\n".join(f"refused: {line}" for line in photographs.refused))
     return 2
 
 
@@ -204,22 +185,34 @@ def _cut_photographs(
 
     # One camera has taken all photographs.
     lens = _read_lens(options)
-    photographs = _CutPhotographs(options.photos, [], [], [])
+    photographs = _CutPhotographs([], [], [], [], [])
     for file, corners_of_file in zip(options.photos, corners, strict=True):
-        photograph = read_photograph(file, lens)
-        with _naming_photograph(file, photograph):
-            proposal = _propose(photograph, shape, corners_of_file, exact=options.exact, codes=plan)
+        try:
+            photograph = read_photograph(file, lens)
+            with _naming_photograph(file, photograph):
+                proposal = _propose(
+                    photograph, shape, corners_of_file, exact=options.exact, codes=plan
+                )
+        except InputError as error:
+            # The tiles of the other photographs took minutes, perhaps, and are not lost.
+            message = str(error)
+            named = message if message.startswith(f"{file}: ") else f"{file}: {message}"
+            photographs.refused.append(named)
+            continue
+        # A photograph that is refused stays on the sheet, where its outlines show what went wrong.
         photographs.proposals.append(proposal)
         photographs.pictures.append(draw_proposal(photograph, proposal))
-        # A photograph that is refused stays on the sheet, where its outlines show what went wrong.
-        if proposal.score >= SURE:
-            photographs.cuts.extend(cut_tiles(photograph, proposal, photographs.cuts))
+        if proposal.score < SURE:
+            photographs.refused.append(f"{file}: {proposal.advice}")
+            continue
+        photographs.used.append((file, proposal))
+        photographs.cuts.extend(cut_tiles(photograph, proposal, photographs.cuts))
     return photographs
 
 
 def _nothing_cut_error(photographs: _CutPhotographs, first_file: Path) -> InputError:
     """Returns the error for photographs that gave no tile."""
-    refused = photographs.refused()
+    refused = photographs.refused
     if not refused:
         # The outlines were found, and no kind in them is sure.
         return InputError(f"{first_file}: expected tiles of a sure kind, got none")
@@ -278,7 +271,7 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
 
 
 def _summary(photographs: _CutPhotographs, out: Path) -> list[str]:
-    cuts, used = photographs.cuts, photographs.used()
+    cuts, used = photographs.cuts, photographs.used
     # The counts show which kinds of tiles the set still lacks.
     kinds = Counter(KIND_OF[cut.code] for cut in cuts)
     listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))

@@ -587,17 +587,20 @@ def test_an_earlier_set_is_kept(tmp_path, capsys):
     assert f"the earlier set is kept as {out}.before" in capsys.readouterr().out
 
 
-def test_a_refused_photograph_among_others_is_told_by_the_exit_code(tmp_path, capsys):
-    """A script took the set for complete."""
+def test_refused_photographs_among_others_are_told_by_the_exit_code(tmp_path, capsys):
+    """A script took the set for complete. Only the photograph with an outline is on the sheet."""
     photographed.write(tmp_path / "turn.png", photographed.photograph(np.array([[3]], np.int8)))
     noise = np.random.default_rng(0).integers(0, 256, (300, 400, 3), np.uint8)
     photographed.write(tmp_path / "noise.png", noise)
+    photographed.write(tmp_path / "wall.png", np.full((300, 400, 3), 128, np.uint8))
+    (tmp_path / "text.jpg").write_text("no photograph")
     out = tmp_path / "mine"
-    line = ["tiles", "cut", str(tmp_path / "noise.png"), str(tmp_path / "turn.png"), "--out", str(out)]
-    assert main(line) == 2
+    files = [str(tmp_path / name) for name in ("noise.png", "text.jpg", "turn.png", "wall.png", "none.png")]
+    assert main(["tiles", "cut", *files, "--out", str(out)]) == 2
     printed = capsys.readouterr()
     assert printed.out.startswith("1 tile of 1 photograph") and "refused: " not in printed.out
-    assert printed.err.startswith(f"refused: {tmp_path / 'noise.png'}: ") and printed.err.count("\n") == 1
+    lines = printed.err.splitlines()
+    assert [line.split(": ")[:2] for line in lines] == [["refused", file] for file in files if "turn" not in file]
     assert sorted(entry.name for entry in out.iterdir()) == ["sheet.png", "turn_1"]
 
 
