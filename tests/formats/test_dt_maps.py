@@ -88,6 +88,19 @@ def test_angles_of_any_size_are_angles(tmp_path):
         read_map(tmp_path)
 
 
+def test_long_ways_to_the_map_and_long_names_are_refused(tmp_path):
+    """The time to follow a chain of frames, or the parts of a name, grows with the square of the length."""
+    (tmp_path / "tiles.yaml").write_text("tiles: {map_0/f99: {type: 4way, i: 0, j: 0}}")
+    frames = {f"map_0/f{index}": f"map_0/f{index - 1}" for index in range(100)} | {"map_0/f0": "map_0"}
+    lines = [f"  {name}: {{relative_to: {above}, pose: {{x: 0}}}}\n" for name, above in frames.items()]
+    (tmp_path / "frames.yaml").write_text("".join(["frames:\n", *lines]))
+    with pytest.raises(InputError, match="frames.yaml: map_0/f99: .* in at most 64 steps, got a longer way"):
+        read_map(tmp_path)
+    (tmp_path / "tiles.yaml").write_text(f"tiles:\n  ? {'m/' * 600}\n  : {{type: 4way, i: 0, j: 0}}\n")
+    with pytest.raises(InputError, match="tiles.yaml: expected names of at most 1,024 characters, got m/m/m"):
+        read_map(tmp_path)
+
+
 def write_spoilt(folder, layer, old, new):
     """Writes a map with a duckie and a sign, and changes a piece of one file."""
     objects = [MapObject("duckie", 1, 1, 0, 0.08), MapObject("sign_stop", 1, 1, 0, 0.18, 1)]
