@@ -1,6 +1,8 @@
 """Map files."""
 
+import copy
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +83,14 @@ def test_a_map_cannot_be_changed_after_it_was_checked():
     with pytest.raises(ValueError, match="read-only"):
         loop.codes[0, 0] = 99
     assert loop.codes.tolist() == [[6, 3], [12, 9]]
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda road_map: pickle.loads(pickle.dumps(road_map))])
+def test_a_copy_of_a_map_cannot_be_changed_either(copied):
+    again = copied(WHOLE)
+    assert again == WHOLE
+    with pytest.raises(ValueError, match="read-only"):
+        again.codes[0, 0] = 0
 
 
 def test_maps_are_equal_if_their_files_are():
