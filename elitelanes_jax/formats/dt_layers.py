@@ -467,9 +467,10 @@ def _as_turned(folder: Path, readings: _Readings) -> NDArray[np.int8]:
     """
     # The line is a comment, so `yaml_tree` does not return it.
     text = read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML")
-    if text.startswith(TURNED_AS_LIBRARY):
+    # Git and editors may have changed the ends of lines.
+    if text.startswith(TURNED_AS_LIBRARY.rstrip()):
         return readings.library
-    if text.startswith(TURNED_AS_MATRIX):
+    if text.startswith(TURNED_AS_MATRIX.rstrip()):
         return readings.matrix
     # Of two readings with as many loose ends, `min` returns the first one, the library's.
     return min(readings, key=_count_unreturned)

@@ -15,7 +15,7 @@ from test_map_objects import WRITTEN, check_same
 from elitelanes_jax import InputError, RoadMap, read_map
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, as_maps, without_dead_ends
-from elitelanes_jax.formats.dt_maps import to_dt_maps
+from elitelanes_jax.formats.dt_maps import to_dt_maps, to_duckiematrix
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure
 from elitelanes_jax.network.codes import ROAD_ALPHABET
@@ -39,6 +39,14 @@ def test_all_tiles_and_kinds_are_read_as_they_are_written(tmp_path):
     found = read_map(tmp_path)
     np.testing.assert_array_equal(found.codes, ROW)
     check_same(found.objects, objects, WRITTEN)
+
+
+@pytest.mark.parametrize(("convert", "codes"), [(to_dt_maps, [[9, 6]]), (to_duckiematrix, [[3, 6, 5, 5]])])
+def test_tiles_with_the_line_ends_of_windows_are_turned_as_they_say(tmp_path, convert, codes):
+    """Turned the other way, these maps have fewer loose ends."""
+    for name, text in convert(codes).items():
+        (tmp_path / f"{name}.yaml").write_bytes(text.replace("\n", "\r\n").encode())
+    assert read_map(tmp_path).codes.tolist() == codes
 
 
 def test_frames_are_relative_to_others(tmp_path):
