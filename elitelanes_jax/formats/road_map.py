@@ -429,6 +429,9 @@ def _plain(value: UserValue) -> Plain:
         return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
+    # `item` leaves NumPy's longest float as it is, and JSON cannot hold it.
+    if isinstance(value, np.floating):
+        return float(value)
     return value.item() if isinstance(value, np.generic) else value
 
 

@@ -76,6 +76,11 @@ def test_a_map_of_numpy_s_numbers_is_written_like_one_of_python_s(tmp_path):
     np.testing.assert_array_equal(back.codes, CODES)
 
 
+@pytest.mark.parametrize("number", [np.float16(2.5), np.float32(2.5), np.longdouble(2.5)])
+def test_a_number_of_any_float_of_numpy_is_written(number):
+    assert RoadMap(CODES, {"turns": number}, number) == RoadMap(CODES, {"turns": 2.5}, 2.5)
+
+
 def test_a_map_cannot_be_changed_after_it_was_checked():
     codes = np.array([[6, 3], [12, 9]], np.int8)
     loop = RoadMap(codes)
