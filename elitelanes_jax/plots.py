@@ -67,8 +67,8 @@ def road_map(
       ax: the Axes to draw on; by default those of a new figure.
 
     Raises:
-      InputError: for a bad grid, a width out of its range, a mask of another shape, or without
-        matplotlib.
+      InputError: for a bad grid, a width out of its range, a mask of another shape or of texts,
+        masked cells, or without matplotlib.
     """
     codes = np.asarray(check_grid(grid))
     if not 0 < width <= 0.8:
@@ -98,15 +98,19 @@ def road_map(
 
 
 def _check_mask(marked: UserValue, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    check_named("marked", unmasked, marked)
     expected = f"a mask of the grid's shape {shape}"
     try:
-        mask = np.asarray(marked, bool)
+        mask = np.asarray(marked)
     except ValueError:
         # The rows have several lengths.
         raise InputError(f"marked: expected {expected}, got {shorten(repr(marked))}") from None
     if mask.shape != shape:
         raise InputError(f"marked: expected {expected}, got {mask.shape}")
-    return mask
+    # NumPy takes every text for true, also "False".
+    if mask.dtype.kind in "SU":
+        raise InputError(f"marked: expected {expected}, got {shorten(repr(marked))}")
+    return mask.astype(bool)
 
 
 def _draw_marked_cells(ax: "Axes", is_marked: NDArray[np.bool_]) -> None:

@@ -109,6 +109,9 @@ def test_thumbnails_have_no_lanes_and_marks_are_the_cells():
     assert corners == [(2, 1), (0, 2)]
     with pytest.raises(InputError, match=r"marked: expected a mask of the grid's shape \(3, 4\), got \(4, 3\)"):
         road_map(np.zeros((3, 4), int), marked=marked.T)
+    for wrong, got in ((marked.astype(str), "array.*'False'"), (np.ma.array(marked, mask=marked), "a masked array")):
+        with pytest.raises(InputError, match=f"marked: expected .*, got {got}"):
+            road_map(np.zeros((3, 4), int), marked=wrong)
     with pytest.raises(InputError, match="width: expected a part of a tile's side, over 0 and at most 0.8, got 1"):
         road_map(np.zeros((3, 4), int), width=1)
     with pytest.raises(InputError, match="grid: expected tile codes"):
