@@ -67,8 +67,8 @@ def road_map(
       ax: the Axes to draw on; by default those of a new figure.
 
     Raises:
-      InputError: for a bad grid, a width out of its range, a mask of another shape, or without
-        matplotlib.
+      InputError: for a bad grid, a width out of its range, a mask of another shape or of texts,
+        masked cells, or without matplotlib.
     """
     codes = np.asarray(check_grid(grid))
     if not 0 < width <= 0.8:
@@ -98,15 +98,19 @@ def road_map(
 
 
 def _check_mask(marked: UserValue, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    check_named("marked", unmasked, marked)
     expected = f"a mask of the grid's shape {shape}"
     try:
-        mask = np.asarray(marked, bool)
+        mask = np.asarray(marked)
     except ValueError:
         # The rows have several lengths.
         raise InputError(f"marked: expected {expected}, got {shorten(repr(marked))}") from None
     if mask.shape != shape:
         raise InputError(f"marked: expected {expected}, got {mask.shape}")
-    return mask
+    # NumPy takes every text for true, also "False".
+    if mask.dtype.kind in "SU":
+        raise InputError(f"marked: expected {expected}, got {shorten(repr(marked))}")
+    return mask.astype(bool)
 
 
 def _draw_marked_cells(ax: "Axes", is_marked: NDArray[np.bool_]) -> None:
@@ -223,8 +227,7 @@ def archive_map(
     shown_names = _names_of(axes, across, down)
     axis_by_name = {axis.metric: axis for axis in axes}
     shown_axes = [axis_by_name[name] for name in shown_names]
-    check_named("fitness", unmasked, fitness)
-    table = _niche_table(np.asarray(fitness, float), axes, shown_names)
+    table = _niche_table(_check_fitness(fitness), axes, shown_names)
 
     ax = _axes(ax)
     style: dict[str, Untyped] = {
@@ -239,6 +242,15 @@ def archive_map(
     _label_columns(ax, shown_axes[-1])
     _label_rows(ax, shown_axes[:-1])
     return ax
+
+
+def _check_fitness(fitness: UserValue) -> NDArray[np.float64]:
+    check_named("fitness", unmasked, fitness)
+    try:
+        return np.asarray(fitness, float)
+    except (TypeError, ValueError):
+        # The values are texts, or rows of several lengths.
+        raise InputError(f"fitness: expected numbers, got {shorten(repr(fitness))}") from None
 
 
 def _names_of(
@@ -283,8 +295,7 @@ def _niche_table(
         raise InputError(
             f"fitness: expected {prod(bins)} niches on the last axis, got shape {fitness.shape}"
         )
-    is_filled = np.isfinite(fitness) & (fitness < np.iinfo(np.int32).max)
-    by_seed = np.where(is_filled, fitness, np.inf).reshape(-1, *bins)
+    by_seed = np.where(_is_of_grid(fitness), fitness, np.inf).reshape(-1, *bins)
     lowest = by_seed.min(axis=0)
     # Each axis that is not shown is reduced to its best niche.
     hidden = tuple(index for index, name in enumerate(names) if name not in shown)
@@ -295,6 +306,12 @@ def _niche_table(
     order = [remaining.index(name) for name in shown]
     columns = bins[names.index(shown[-1])]
     return lowest.transpose(order).reshape(-1, columns)
+
+
+def _is_of_grid(fitness: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Returns which numbers are the fitness of a grid, and not of a vacant slot."""
+    # A vacant slot has infinity or the largest int32, which becomes 2**31 as a float32.
+    return np.isfinite(fitness) & (fitness != 2**31 - 1) & (fitness != 2**31)
 
 
 def _label_columns(ax: "Axes", axis: "Axis") -> None:
@@ -343,7 +360,8 @@ def history(
 ) -> "Axes":
     """Draws a run against the evaluations of a seed.
 
-    The line is the median over the run's seeds. The band reaches from one quantile to another.
+    The line is the median over the run's seeds. The band reaches from one quantile to another. The
+    best fitness is drawn from the step on at which each seed has an elite.
 
     Args:
       record: a `Result`, or its `History`, of one seed or of many.
@@ -362,7 +380,11 @@ def history(
     run: History | None = getattr(result, "history", result)
     if run is None or not hasattr(run, name):
         raise InputError(f"record: expected a result with a history, got {shorten(repr(record))}")
-    ax = seed_band(run.evaluations, getattr(run, name), label=label, quantiles=quantiles, ax=ax)
+    values = np.asarray(getattr(run, name), float)
+    if name == "best_fitness":
+        # A seed without an elite has the fitness of a vacant slot.
+        values = np.where(_is_of_grid(values), values, np.nan)
+    ax = seed_band(run.evaluations, values, label=label, quantiles=quantiles, ax=ax)
     ax.set(xlabel="evaluations a seed", ylabel=_in_words(name))
     ax.locator_params(axis="x", nbins=6)
     return ax

@@ -2,6 +2,7 @@
 
 import re
 import sys
+import warnings
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -108,6 +109,9 @@ def test_thumbnails_have_no_lanes_and_marks_are_the_cells():
     assert corners == [(2, 1), (0, 2)]
     with pytest.raises(InputError, match=r"marked: expected a mask of the grid's shape \(3, 4\), got \(4, 3\)"):
         road_map(np.zeros((3, 4), int), marked=marked.T)
+    for wrong, got in ((marked.astype(str), "array.*'False'"), (np.ma.array(marked, mask=marked), "a masked array")):
+        with pytest.raises(InputError, match=f"marked: expected .*, got {got}"):
+            road_map(np.zeros((3, 4), int), marked=wrong)
     with pytest.raises(InputError, match="width: expected a part of a tile's side, over 0 and at most 0.8, got 1"):
         road_map(np.zeros((3, 4), int), width=1)
     with pytest.raises(InputError, match="grid: expected tile codes"):
@@ -144,6 +148,15 @@ def test_a_heat_map_is_the_archive_reduced_by_the_best():
     assert ax.patch.get_hatch()
     alone = archive_map(SimpleNamespace(fitness=np.where(fitness == VACANT, np.inf, fitness)[0]), AXES)
     np.testing.assert_array_equal(alone.images[0].get_array().count(), (fitness[0] < VACANT).sum())
+
+
+def test_a_heat_map_shows_a_fitness_over_the_largest_int32():
+    axes = (Axis("crossings", 4, 1),)
+    for vacant in (VACANT, np.inf, np.nan):
+        cells = archive_map([3e9, vacant, 5e9, 1], axes).images[0].get_array()
+        assert cells.tolist() == [[3e9, None, 5e9, 1]]
+    as_float32 = archive_map(np.array([2, VACANT, 3, 1], np.float32), axes).images[0].get_array()
+    assert as_float32.tolist() == [[2, None, 3, 1]]
 
 
 def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
@@ -187,6 +200,8 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
         (np.zeros(4), AXES[:1], {"down": "cyclomatic"}, "^down: expected each of cyclomatic"),
         (np.float64(0), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(\)"),
         (np.ma.masked_equal(np.arange(24), 0), AXES, {}, "fitness: expected a number at each index, got a masked"),
+        (["a"] * 24, AXES, {}, r"fitness: expected numbers, got \['a', 'a'"),
+        ([[1, 2], [3]], AXES, {}, r"fitness: expected numbers, got \[\[1, 2\], \[3\]\]"),
     ],
 )
 def test_a_heat_map_of_something_else_is_refused(fitness, axes, names, message):
@@ -227,6 +242,17 @@ def test_a_history_is_the_median_in_a_band():
     for quantiles in ((0.9, 0.1), (0, 0.5, 1), None, ("a", "b"), (0, 2), (float("nan"), 1)):
         with pytest.raises(InputError, match="quantiles: expected two"):
             seed_band(record.evaluations, best, quantiles=quantiles)
+
+
+@pytest.mark.parametrize("vacant", [np.int32(VACANT), np.float32(np.inf)])
+def test_a_history_is_drawn_from_the_step_on_at_which_each_seed_has_an_elite(vacant):
+    best = np.array([[vacant, vacant, 7, 6], [vacant, 9, 9, 8], [vacant, vacant, 8, 8]], vacant.dtype)
+    counts = np.zeros((3, 4), np.int32)
+    record = History(np.arange(4), np.arange(4), best, counts, np.ones(4), counts)
+    with warnings.catch_warnings(action="error"):
+        ax = history(record)
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), [np.nan, np.nan, 8, 8])
+    assert ax.get_ylim()[1] < 10
 
 
 def test_without_matplotlib_the_message_says_what_to_install(monkeypatch):

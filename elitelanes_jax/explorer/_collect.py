@@ -20,7 +20,7 @@ from elitelanes_jax.explorer._shown import (
     setting,
 )
 from elitelanes_jax.formats.dt_layers import is_layers
-from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
+from elitelanes_jax.formats.road_map import RoadMap, as_maps, is_folder, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 
@@ -70,7 +70,8 @@ def _list_sources(what: UserValue) -> Mapping[str, UserValue] | list[UserValue]:
     elif isinstance(what, RoadMap | str | Path):
         sources = [what]
     expected = "what: expected a Result, maps, or paths of runs and maps"
-    if not isinstance(sources, Iterable):
+    # An array without axes has the method of an iterable, and raises an error there.
+    if not isinstance(sources, Iterable) or getattr(sources, "ndim", 1) == 0:
         raise InputError(f"{expected}, got {type(what).__name__}")
     # The sources may be a generator, and they are read more than once.
     if not isinstance(sources, Mapping):
@@ -94,7 +95,7 @@ def _collect_named(sources: Mapping[str, UserValue]) -> list[ShownRun]:
         if not maps:
             raise InputError(f"what: {name}: expected a Result or maps, got nothing")
         runs += of_maps(maps, name)
-    return runs
+    return _with_distinct_names(runs)
 
 
 def _is_result(value: UserValue) -> bool:
@@ -110,7 +111,7 @@ def _collect_files(
     recorded_tiles: Path | None = None
     for source in sources:
         # A folder of layers is one map of Duckietown, and any other folder is of runs.
-        if source.is_dir() and not is_layers(source):
+        if is_folder(source) and not is_layers(source):
             for folder in _run_folders(source):
                 runs.append(read_run(folder))
                 # The page has one tile set for all runs: the first that is found.
@@ -126,10 +127,7 @@ def _collect_files(
     heading = runs[0].name if len(runs) == 1 and not maps else ""
     # The folder of a run may have the name of a group of maps, such as "maps".
     runs += by_size(maps)
-    # The page tells runs apart by their names.
-    names = _distinct_names([run.name for run in runs])
-    runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
-    return pack(runs, tile_set, tile_px, heading)
+    return pack(_with_distinct_names(runs), tile_set, tile_px, heading)
 
 
 def _named_maps(file: Path) -> list[tuple[str, RoadMap]]:
@@ -188,9 +186,15 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
     for parent in (Path(), *folder.absolute().parents):
         with suppress(InputError):
             # Another folder of this name may be no tile set.
-            if (parent / tiles).is_dir() and load_tiles(parent / tiles).name == name:
+            if is_folder(parent / tiles) and load_tiles(parent / tiles).name == name:
                 return parent / tiles
     return None
+
+
+def _with_distinct_names(runs: Sequence[ShownRun]) -> list[ShownRun]:
+    """Returns runs with names by which the page tells them apart."""
+    names = _distinct_names([run.name for run in runs])
+    return [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
 
 
 def _distinct_names(names: Sequence[str]) -> list[str]:

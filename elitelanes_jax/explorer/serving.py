@@ -182,7 +182,8 @@ class _Handler(BaseHTTPRequestHandler):
         If it is missing or too large, the answer is an error, and the result None.
         """
         length = self.headers.get("Content-Length", "")
-        if length.isdecimal() and int(length) <= _MOST_BYTES:
+        # Python converts no number of very many digits.
+        if length.isdecimal() and len(length) <= 20 and int(length) <= _MOST_BYTES:
             return int(length)
         message = f"expected a request of at most {_MOST_BYTES // MIB} MiB"
         self._send_json(413, {"error": message})

@@ -155,7 +155,8 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
         column, row = _pair(attach, "tile")
         slot = whole_of(attach, "slot")
         if slot not in range(len(_SLOTS)):
-            raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {slot}")
+            got = shorten(str(slot), 40)
+            raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {got}")
         east, north = _SLOTS[slot]
         if "pose" in value:
             rotate = _angle(table_of(value["pose"], "~SE2Transform"))

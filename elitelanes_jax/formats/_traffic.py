@@ -16,7 +16,7 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, to_metres
-from elitelanes_jax.lanes.curves import CHORDS, lane_curves
+from elitelanes_jax.lanes.curves import CHORDS, lane_curves, moved
 from elitelanes_jax.lanes.links import Cell, linked_codes
 from elitelanes_jax.lanes.movements import BACK, LaneGraph, Movement, lane_graph, no_lane_error
 from elitelanes_jax.network.codes import CONNECTIONS
@@ -179,18 +179,12 @@ def _line_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "
     points = np.concatenate(parts)
     # Near each end is a further point, exactly along the heading. It fixes the direction of the
     # outer segment.
-    first, last = points[0], points[-1]
+    first, last = points[[0, -1]].tolist()
     # Copying keeps the coordinate across the heading exact, because sines of right angles are not
     # exactly 0.
-    second = _ahead(first, heading, _STRAIGHT)
-    last_but_one = _ahead(last, movement.exit, -_STRAIGHT)
+    second = moved(first, heading, _STRAIGHT)
+    last_but_one = moved(last, movement.exit, -_STRAIGHT)
     return np.concatenate([[first, second], points[1:-1], [last_but_one, last]]).round(12)
-
-
-def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Float[np.ndarray, "2"]:
-    # North, east, south and west, by (tiles east, tiles south).
-    steps = np.array([(0, -1), (1, 0), (0, 1), (-1, 0)])
-    return point + distance * steps[heading]
 
 
 def _stop_signs(tiles: list[Cell], graph: LaneGraph, streets: Streets, height: int) -> list[Road]:

@@ -44,7 +44,10 @@ def yaml_tree(text: str) -> Plain:
         raise InputError(f"expected readable YAML, got {_MOST_DIRECTIVES} directives and more")
     try:
         return _build(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
-    except (yaml.YAMLError, UnicodeEncodeError) as error:
+    except InputError:
+        raise
+    # Without libyaml, an escape beyond Unicode is one of the last two errors.
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
         # From PyYAML 6.0.4 on, libyaml itself counts levels. It reads ahead, so its error may come
         # first.
         if "maximum nesting depth" in str(error):
@@ -81,10 +84,14 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 # A table gets its entries when it ends, so an outer table is still empty and cannot
                 # be merged.
                 unfilled = [outer for outer, _ in opened] + [table]
-                # Merged keys count too, because merge keys can copy a large table many times.
-                values += _fill(table, items, unfilled)
+                _fill(table, items)
+                merged = _take_merged(table, unfilled)
+                # Merged keys count too, because merge keys can copy a large table many times. They
+                # count before they are copied, because one merge key can have very many tables.
+                values += sum(map(len, merged))
                 if values > _MOST_VALUES:
                     raise InputError(_TOO_MANY)
+                _merge(table, merged)
                 continue
             case yaml.SequenceEndEvent():
                 opened.pop()
@@ -111,11 +118,8 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
     return documents[0] if documents else None
 
 
-def _fill(table: dict[str, Plain], items: list[Plain], unfilled: list[Plain]) -> int:
-    """Adds keys and values to a table, and returns the number of keys of merged tables.
-
-    Keys and values take turns in `items`.
-    """
+def _fill(table: dict[str, Plain], items: list[Plain]) -> None:
+    """Adds keys and values to a table. They take turns in `items`."""
     for key, value in zip(items[::2], items[1::2], strict=True):
         if not isinstance(key, str):
             raise InputError(
@@ -124,14 +128,23 @@ def _fill(table: dict[str, Plain], items: list[Plain], unfilled: list[Plain]) ->
         if key in table:
             raise InputError(f"YAML: expected each key once, got {shorten(key, 40)} twice")
         table[key] = value
-    # Merged keys come last, because the table's own keys override them wherever the merge key is.
+
+
+def _take_merged(table: dict[str, Plain], unfilled: list[Plain]) -> list[Mapping[str, Plain]]:
+    """Removes the merge key from a table, and returns its tables; none without a merge key."""
     if _MERGE not in table:
-        return 0
-    merged = _tables_of(table.pop(_MERGE), unfilled)
+        return []
+    return _tables_of(table.pop(_MERGE), unfilled)
+
+
+def _merge(table: dict[str, Plain], merged: list[Mapping[str, Plain]]) -> None:
+    """Adds the entries of merged tables to a table.
+
+    The table's own keys override them, wherever its merge key is.
+    """
     for other in merged:
         for key, value in other.items():
             table.setdefault(key, value)
-    return sum(map(len, merged))
 
 
 def _tables_of(value: Plain, unfilled: list[Plain]) -> list[Mapping[str, Plain]]:

@@ -272,7 +272,8 @@ def _farthest_from(start: _Lanelet, lanelets: list[_Lanelet]) -> int:
 def _number_of(content: str) -> int:
     """Returns the number of a map in the ID of its scenario, from 1 to 2**40.
 
-    Different scenarios have different numbers. Tools for CommonRoad keep results by that ID.
+    Tools for CommonRoad keep results by that ID, so different scenarios need different numbers. Of
+    10,000 scenarios, two have the same number with a probability of 0.005 %.
     """
     return 1 + int.from_bytes(sha256(content.encode()).digest()[:5])
 

@@ -76,6 +76,9 @@ _CELL_IN_NAME = re.compile(r"_(-?\d{1,4})_(-?\d{1,4})$")
 # How far a position may be from a cell, in tiles, or a yaw from a right angle, in radians.
 _NEAR = 0.05
 _MOST_BYTES = 32 * MIB
+# The most steps from a frame to the map, and the most characters of a name. A map needs a few steps
+# and 30 characters. Without limits, a file of 1 MB would take 20 minutes.
+_MOST_STEPS, _LONGEST_NAME = 64, 1024
 
 _Table = dict[str, Plain]
 
@@ -202,6 +205,9 @@ def _read_layer(folder: Path, name: str) -> dict[str, _Table]:
         raise InputError(f"{file}: expected {expected}, got {brief(layer, 40)}")
     tables: dict[str, _Table] = {}
     for key, value in layer.items():
+        if len(key) > _LONGEST_NAME:
+            expected = f"names of at most {_LONGEST_NAME:,} characters"
+            raise InputError(f"{file}: expected {expected}, got {shorten(key, 40)}")
         if isinstance(value, str) and value in _NOTHING:
             tables[key] = {}
         elif isinstance(value, dict):
@@ -281,8 +287,8 @@ class _Frames:
         If the frame is not in the map, the pose is in the world, and the name is None.
         """
         pose, frame = _Pose(), name
-        # Each step leads to another frame. With more steps than frames, the frames form a circle.
-        for _ in range(len(self._frames) + 1):
+        # Each step leads to another frame, unless the frames form a circle.
+        for _ in range(_MOST_STEPS):
             # The place of a tile is known from its cell, so its frame need not be followed to the
             # map.
             if frame in self._tiles:
@@ -299,8 +305,10 @@ class _Frames:
                 got = brief(parent, 40)
                 raise InputError(f"{label}: relative_to: expected the name of a frame, got {got}")
             frame = parent
-        expected = f"frames that lead to {self._root}"
-        raise InputError(f"{self._file}: {name}: relative_to: expected {expected}, got a circle")
+        expected = f"frames that lead to {self._root} in at most {_MOST_STEPS} steps"
+        raise InputError(
+            f"{self._file}: {name}: relative_to: expected {expected}, got a longer way or a circle"
+        )
 
     def _above(self, name: str) -> str | None:
         """Returns the frame or the map that a name continues.
@@ -459,9 +467,10 @@ def _as_turned(folder: Path, readings: _Readings) -> NDArray[np.int8]:
     """
     # The line is a comment, so `yaml_tree` does not return it.
     text = read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML")
-    if text.startswith(TURNED_AS_LIBRARY):
+    # Git and editors may have changed the ends of lines.
+    if text.startswith(TURNED_AS_LIBRARY.rstrip()):
         return readings.library
-    if text.startswith(TURNED_AS_MATRIX):
+    if text.startswith(TURNED_AS_MATRIX.rstrip()):
         return readings.matrix
     # Of two readings with as many loose ends, `min` returns the first one, the library's.
     return min(readings, key=_count_unreturned)

@@ -75,8 +75,8 @@ def to_gltf(
       shape: rows and columns of the map.
       picture: a PNG file of the map.
       tile_size: side of a tile in metres, 0.01 to 1000.
-      standing: objects. Each is a picture of its front, as high as
-        the object; its lower edge is in the middle of the footprint. They grow with the tiles.
+      standing: objects. Each is a picture of its front, as high as the object; its lower edge is in
+        the middle of the footprint. They grow with the tiles.
 
     Raises:
       InputError: for a bad size.

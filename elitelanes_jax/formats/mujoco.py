@@ -93,8 +93,8 @@ def to_mjcf(
       codes: integer codes ``[H, W]``.
       picture: the name of the file with the map's picture, next to the model's file.
       tile_size: side of a tile in metres, 0.1 to 1000. The robot keeps its own measures.
-      standing: objects. They are boxes and upright cylinders of the
-        objects' sizes and mean colours that do not move. They grow with the tiles.
+      standing: objects. They are boxes and upright cylinders of the objects' sizes and mean colours
+        that do not move. They grow with the tiles.
       lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5.
 
     Raises:

@@ -16,8 +16,9 @@ from elitelanes_jax.formats.tags import LARGEST_TAG
 BEYOND = 1.0
 """How far from the map an object may be, in tiles: signs at a map's border are outside it."""
 
+# Positions may be farther by this, in tiles, because other formats round them to a millionth of a
+# metre, and have tiles of 0.01 m or larger.
 _ROUNDED = 1e-4
-"""By how much more: other formats have metres of six decimals, and tiles of 0.01 m and larger."""
 
 NEAR = 0.02
 """Metres ahead of a camera under which no object is drawn."""
@@ -185,9 +186,9 @@ def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject
     have them.
 
     Raises:
-      InputError: for an unknown kind or field, a position over `BEYOND` tiles outside the map, a
-        height that is not positive or over 10 m, or a tag out of range; the message names the
-        object's index and field.
+      InputError: for an unknown kind or field, a position over `BEYOND` tiles outside the map, an
+        angle outside -7 to 7 radians, a height outside 0.001 to 10 m, or a tag out of range; the
+        message names the object's index and field.
     """
     if not isinstance(values, list | tuple) or isinstance(values, MapObject):
         raise InputError(f"objects: expected a list of objects, got {shorten(repr(values))}")

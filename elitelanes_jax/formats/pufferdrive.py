@@ -52,9 +52,9 @@ def to_pufferdrive(
     """Writes a map for PufferDrive; the same map gives the same files.
 
     Lanes come first, one for each movement, in ascending order of row, column, heading and turn;
-    their ids are their indices. Cars turn back at dead ends. Up to 32 cars start in the
-    middle of random lanes, at most one on a tile. Each has a log of 9 s at the speed limit along
-    random turns, and its goal is the end of the log.
+    their ids are their indices. Cars turn back at dead ends. Up to 32 cars start in the middle of
+    random lanes, at most one on a tile. Each has a log of 9 s at the speed limit along random
+    turns, and its goal is the end of the log.
 
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour

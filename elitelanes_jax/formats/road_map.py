@@ -107,6 +107,12 @@ class RoadMap:
             # The dataclass is frozen, so fields are set past its own `__setattr__`.
             object.__setattr__(self, name, value)
 
+    def __setstate__(self, fields: dict[str, UserValue]) -> None:
+        """Sets the fields of a copy."""
+        self.__dict__.update(fields)
+        # NumPy makes a copied array writable, by `copy.deepcopy` and by pickle.
+        self.codes.flags.writeable = False
+
     def save(self, file: str | Path) -> None:
         """Writes a map file for `read_map`.
 
@@ -240,7 +246,9 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
         return [sources]
     # Rows alone are one grid. They would otherwise be read as a list of maps.
     is_single = _dimensions(sources) == 2
-    if isinstance(sources, Mapping) or not (is_single or isinstance(sources, Iterable)):
+    # An array without axes has the method of an iterable, and raises an error there.
+    is_several = isinstance(sources, Iterable) and getattr(sources, "ndim", 1) > 0
+    if isinstance(sources, Mapping) or not (is_single or is_several):
         raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
     if is_single:
         return [RoadMap(sources)]
@@ -421,6 +429,9 @@ def _plain(value: UserValue) -> Plain:
         return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
+    # `item` leaves NumPy's longest float as it is, and JSON cannot hold it.
+    if isinstance(value, np.floating):
+        return float(value)
     return value.item() if isinstance(value, np.generic) else value
 
 

@@ -19,7 +19,7 @@ from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.network.codes import SIDES
 
-# The distance in tiles from which on a sign no longer belongs to a crossing.
+# A sign at this distance in tiles, or farther away, belongs to no crossing.
 _FAR = 1.5
 
 # The right of way that a sign or a light at a crossing gives.

@@ -54,6 +54,8 @@ def table_to_csv(rows: Sequence[Row]) -> str:
     Raises:
       InputError: for the name of a file that UTF-8 cannot hold.
     """
+    # The rows may be a generator, and they are read more than once.
+    rows = list(rows)
     for row in rows:
         if "file" in row:
             check_named("file", text_name, row["file"])

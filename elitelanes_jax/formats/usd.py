@@ -97,8 +97,8 @@ def to_usd(
       shape: rows and columns of the map.
       picture: the name of the file with the map's picture, next to the stage's file.
       tile_size: side of a tile in metres, 0.01 to 1000.
-      standing: objects. They are boxes of the objects' sizes and
-        mean colours, and grow with the tiles.
+      standing: objects. They are boxes of the objects' sizes and mean colours, and grow with the
+        tiles.
 
     Raises:
       InputError: for a bad name or size.

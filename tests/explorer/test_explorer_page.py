@@ -293,10 +293,23 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
     for nothing in ([], {}):
         with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
             collect(nothing)
+    with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got ndarray"):
+        collect(np.array(3))
     with pytest.raises(InputError, match="what: none: expected a Result or maps, got nothing"):
         collect({"some": maps, "none": []})
     with pytest.raises(InputError, match=r"what: expected texts as names, got \(1, 2\)"):
         collect({(1, 2): maps})
+
+
+def test_a_text_that_is_too_long_for_a_path_is_no_file_and_no_tile_set(run, tmp_path):
+    with pytest.raises(InputError, match="^x+: expected a readable JSON file, got: File name too long"):
+        collect("x" * 5000)
+    shutil.copytree(run, tmp_path / "run")
+    file = tmp_path / "run" / "run.json"
+    record = json.loads(file.read_text())
+    record["settings"]["tiles"] = "x" * 5000
+    file.write_text(json.dumps(record))
+    assert collect(tmp_path / "run").values["tiles"]["name"] == load_tiles().name
 
 
 @pytest.mark.slow
@@ -329,3 +342,6 @@ def test_runs_and_maps_of_the_same_name_are_told_apart(run, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     runs = collect(["maps", "runs", "town.json"]).values["runs"]
     assert [run["name"] for run in runs] == ["maps", "maps (3)", "maps (2)", "maps (4)"]
+    named = {"town": [LOOP, np.zeros((3, 3), np.int8)], "town, maps of 2 x 2": LOOP}
+    names = [run["name"] for run in collect(named).values["runs"]]
+    assert names == ["town, maps of 2 x 2", "town, maps of 3 x 3", "town, maps of 2 x 2 (2)"]

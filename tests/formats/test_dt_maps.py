@@ -15,7 +15,7 @@ from test_map_objects import WRITTEN, check_same
 from elitelanes_jax import InputError, RoadMap, read_map
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, as_maps, without_dead_ends
-from elitelanes_jax.formats.dt_maps import to_dt_maps
+from elitelanes_jax.formats.dt_maps import to_dt_maps, to_duckiematrix
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure
 from elitelanes_jax.network.codes import ROAD_ALPHABET
@@ -39,6 +39,14 @@ def test_all_tiles_and_kinds_are_read_as_they_are_written(tmp_path):
     found = read_map(tmp_path)
     np.testing.assert_array_equal(found.codes, ROW)
     check_same(found.objects, objects, WRITTEN)
+
+
+@pytest.mark.parametrize(("convert", "codes"), [(to_dt_maps, [[9, 6]]), (to_duckiematrix, [[3, 6, 5, 5]])])
+def test_tiles_with_the_line_ends_of_windows_are_turned_as_they_say(tmp_path, convert, codes):
+    """Turned the other way, these maps have fewer loose ends."""
+    for name, text in convert(codes).items():
+        (tmp_path / f"{name}.yaml").write_bytes(text.replace("\n", "\r\n").encode())
+    assert read_map(tmp_path).codes.tolist() == codes
 
 
 def test_frames_are_relative_to_others(tmp_path):
@@ -85,6 +93,19 @@ def test_angles_of_any_size_are_angles(tmp_path):
     huge = "  huge: {relative_to: map_0, pose: {x: 0, y: 0, yaw: 1e308}}\n"
     frames.write_text(text + huge, encoding="utf-8")
     with pytest.raises(InputError, match="expected a yaw at a right angle, got 'curve' with yaw"):
+        read_map(tmp_path)
+
+
+def test_long_ways_to_the_map_and_long_names_are_refused(tmp_path):
+    """The time to follow a chain of frames, or the parts of a name, grows with the square of the length."""
+    (tmp_path / "tiles.yaml").write_text("tiles: {map_0/f99: {type: 4way, i: 0, j: 0}}")
+    frames = {f"map_0/f{index}": f"map_0/f{index - 1}" for index in range(100)} | {"map_0/f0": "map_0"}
+    lines = [f"  {name}: {{relative_to: {above}, pose: {{x: 0}}}}\n" for name, above in frames.items()]
+    (tmp_path / "frames.yaml").write_text("".join(["frames:\n", *lines]))
+    with pytest.raises(InputError, match="frames.yaml: map_0/f99: .* in at most 64 steps, got a longer way"):
+        read_map(tmp_path)
+    (tmp_path / "tiles.yaml").write_text(f"tiles:\n  ? {'m/' * 600}\n  : {{type: 4way, i: 0, j: 0}}\n")
+    with pytest.raises(InputError, match="tiles.yaml: expected names of at most 1,024 characters, got m/m/m"):
         read_map(tmp_path)
 
 

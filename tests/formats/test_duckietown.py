@@ -185,6 +185,23 @@ def test_bad_maps_are_named(text, message, tmp_path):
         read_map(file)
 
 
+def test_one_merge_key_of_many_tables_is_refused_before_they_are_merged():
+    """Merged one by one, the keys of these tables take 20 s."""
+    keys = "".join(f"  k{index}: x\n" for index in range(20_000))
+    text = f"a: &a\n{keys}b:\n  <<: [{'*a, ' * 20_000}]\ntiles: [[floor]]\n"
+    start = time.process_time()
+    with pytest.raises(InputError, match="expected YAML of at most 1,310,720 values, got more"):
+        read_duckietown(text)
+    assert time.process_time() - start < 5
+
+
+@pytest.mark.parametrize("escape", [r"\U00110000", r"\UFFFFFFFF"])
+def test_escapes_beyond_unicode_are_refused_without_libyaml_too(escape, monkeypatch):
+    monkeypatch.delattr(yaml, "CSafeLoader")
+    with pytest.raises(InputError, match="expected readable YAML, got: "):
+        read_duckietown(f'tiles: [["{escape}"]]')
+
+
 def test_aliases_are_what_they_name_and_other_values_do_not_matter():
     text = "when: !!int soon\nrow: &row [floor, &road 4way]\ntiles: [*row, [*road, floor], *row]"
     assert read_duckietown(text)[0].tolist() == [[0, 15], [15, 0], [0, 15]]

@@ -146,6 +146,7 @@ def test_objects_as_far_outside_as_they_may_be_are_read_where_they_are_written(k
         ("[{kind: duckie, pos: [1, 1_0]}]", "pos: expected a number, got '1_0'"),
         ("[{kind: duckie, pose: 3}]", "~SE2Transform: expected a table"),
         ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 9}}]", "slot: expected a whole number, 0 to 7, got 9"),
+        ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 1e308}}]", r"slot: expected .*, 0 to 7, got \d{37}\.\.\.$"),
         ("[{kind: floor_tag, pos: [1, 1], tag: {~TagInstance: {tag_id: 3.7}}}]", "tag_id: expected a whole number"),
         ("[{kind: duckie, pos: [9, 1]}]", "x: expected tiles from -1 to 3, got 9"),
     ],

@@ -90,6 +90,7 @@ def test_a_table_has_a_name_as_it_is(kind):
         return
     read = list(csv.reader(io.StringIO(table_to_csv(rows), newline="")))
     assert read == [["file", "tiles"], [ODD_NAMES[kind], "3"], ["b", "4"]]
+    assert table_to_csv(row for row in rows) == table_to_csv(rows)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """Map files."""
 
+import copy
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -74,6 +76,11 @@ def test_a_map_of_numpy_s_numbers_is_written_like_one_of_python_s(tmp_path):
     np.testing.assert_array_equal(back.codes, CODES)
 
 
+@pytest.mark.parametrize("number", [np.float16(2.5), np.float32(2.5), np.longdouble(2.5)])
+def test_a_number_of_any_float_of_numpy_is_written(number):
+    assert RoadMap(CODES, {"turns": number}, number) == RoadMap(CODES, {"turns": 2.5}, 2.5)
+
+
 def test_a_map_cannot_be_changed_after_it_was_checked():
     codes = np.array([[6, 3], [12, 9]], np.int8)
     loop = RoadMap(codes)
@@ -81,6 +88,14 @@ def test_a_map_cannot_be_changed_after_it_was_checked():
     with pytest.raises(ValueError, match="read-only"):
         loop.codes[0, 0] = 99
     assert loop.codes.tolist() == [[6, 3], [12, 9]]
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda road_map: pickle.loads(pickle.dumps(road_map))])
+def test_a_copy_of_a_map_cannot_be_changed_either(copied):
+    again = copied(WHOLE)
+    assert again == WHOLE
+    with pytest.raises(ValueError, match="read-only"):
+        again.codes[0, 0] = 0
 
 
 def test_maps_are_equal_if_their_files_are():
