@@ -143,6 +143,9 @@ def real(
 
     def check(value: UserValue) -> float:
         number = _parse(value, float)
+        # NumPy compares in its own type, in which the largest float of Python may be infinite.
+        if isinstance(number, np.floating):
+            number = float(number)
         # A whole number of Python may be finite and still too large for a float.
         largest = min(most, sys.float_info.max)
         is_within = is_real(number) and least <= number <= largest
