@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import compare_settings
 from elitelanes_jax._util.types import Plain
@@ -41,7 +42,10 @@ class Checkpoint:
             return None
         hint = "use another folder, or delete this one to start anew"
         compare_settings(self.folder, self.folder / _SETTINGS, self._identity, hint)
-        return Result.load(self.folder / _RESULT)
+        try:
+            return Result.load(self.folder / _RESULT)
+        except InputError as error:
+            raise InputError(f"{error}; {hint}") from None
 
     @property
     def kept(self) -> bool:

@@ -129,6 +129,24 @@ def test_an_interruption_before_any_grid_is_evaluated_has_nothing(number, monkey
     assert type(caught.value) is KeyboardInterrupt
 
 
+@pytest.mark.parametrize("moment", ["result", "save"])
+def test_an_interruption_at_the_very_end_has_what_was_found(moment, whole, tmp_path, monkeypatch):
+    """It comes while the elites are collected, or while the last checkpoint is written."""
+    kind = search.Run if moment == "result" else Checkpoint
+    finish = getattr(kind, moment)
+
+    def interrupted(*arguments):
+        monkeypatch.setattr(kind, moment, finish)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("elitelanes_jax.search._checkpoint._SECONDS_TO_KEEP", 0)
+    monkeypatch.setattr(kind, moment, interrupted)
+    with pytest.raises(SearchInterrupted, match="at generation 135 of 135") as caught:
+        run(checkpoint=tmp_path)
+    chex.assert_trees_all_equal(caught.value.result.elites, whole.elites)
+    same(Result.load(tmp_path / "result.npz"), whole)
+
+
 def compiled_anew(setup, keys, *arguments):
     return Programs(setup, jax.ShapeDtypeStruct(keys.shape, keys.dtype), *arguments, folder=None)
 
@@ -194,7 +212,9 @@ def test_folders_in_use_damaged_or_of_another_version_are_refused(kept, tmp_path
         run(checkpoint=folder)
     whole = (folder / "result.npz").read_bytes()
     (folder / "result.npz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"result.npz: expected NumPy's .npz, got a file that cannot be read as such"):
+    with pytest.raises(
+        InputError, match=r"result.npz: expected NumPy's .npz, got a file .*; use another folder, or delete"
+    ):
         run(checkpoint=folder)
     assert len((folder / "result.npz").read_bytes()) == len(whole) // 2
     with pytest.raises(InputError, match=r"result.npz: expected a path that can be written to"):
