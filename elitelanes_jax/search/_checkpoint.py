@@ -38,6 +38,12 @@ class Checkpoint:
 
         Raises `InputError` for another search's result, or a damaged file.
         """
+        # A kill leaves the part of a file that was written. The folder is locked, so no other
+        # process writes it now.
+        for file in (_RESULT, _SETTINGS):
+            stem, suffix = file.split(".")
+            for part in self.folder.glob(f".{stem}-*.part.{suffix}"):
+                part.unlink()
         if not self.kept:
             return None
         hint = "use another folder, or delete this one to start anew"
