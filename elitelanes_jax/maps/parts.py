@@ -142,11 +142,11 @@ def order_parts(
 
 
 def _read_record(folder: Path) -> dict[str, Plain]:
-    # A part that was interrupted has only a hidden folder.
     exists = False
     # A text may be too long for a path.
     with suppress(OSError):
         exists = folder.exists()
+    # A part that was interrupted has only a hidden folder.
     if not exists and has_unfinished(folder):
         raise InputError(
             f"{folder}: expected a complete part, got unfinished work; "
