@@ -18,6 +18,7 @@ from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
 
+import chex
 import cv2
 import numpy as np
 import pytest
@@ -30,6 +31,8 @@ from elitelanes_jax._util import engine
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import merge_dataset
 from elitelanes_jax.search import parts as search_parts
+from elitelanes_jax.search.keys import check_keys
+from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.tiles import default_objects, default_tiles, load_tiles, packed
 
 # When Submitit sets up logging, absl's handler closes the stream that was stderr at its own import: that of pytest.
@@ -219,6 +222,26 @@ def test_a_lost_part_alone_is_evolved_again(whole, tmp_path, monkeypatch):
     generate(SPEC, tmp_path / "maps", executor=again, parts=3)
     assert again.calls == 1
     assert digest(tmp_path / "maps") == whole
+
+
+DAMAGES = {
+    "figures cut off": ("1-of-2.json", b'{"seconds"'),
+    "figures of another program": ("1-of-2.json", b"{}"),
+    "figures that are no numbers": ("1-of-2.json", b'{"seconds": "long", "device": "cpu"}'),
+    "a result cut off": ("1-of-2.npz", b"PK"),
+}
+
+
+@pytest.mark.parametrize(("file", "content"), DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_part_is_evolved_again(file, content, tmp_path):
+    search, keys = resolve(SEARCH, (5, 6)), check_keys(3, 2)
+    first = search_parts.evolve_parts(search, keys, engine.Pool(OneByOne(), 2), folder=tmp_path / "parts")
+    (tmp_path / "parts" / file).write_bytes(content)
+    again = OneByOne()
+    parts = search_parts.evolve_parts(search, keys, engine.Pool(again, 2), folder=tmp_path / "parts")
+    assert again.calls == 1
+    for part, before in zip(parts, first, strict=True):
+        chex.assert_trees_all_equal(part.result.elites, before.result.elites)
 
 
 def test_parts_of_another_budget_are_evolved_again(whole, tmp_path, monkeypatch):

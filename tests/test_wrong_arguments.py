@@ -65,7 +65,7 @@ from elitelanes_jax.drive._camera import pack_sight
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.formats import MapObject, without_dead_ends
 from elitelanes_jax.lanes.movements import Movement
-from elitelanes_jax.maps import FormatOptions, PackSpec, furnish
+from elitelanes_jax.maps import FormatOptions, PackSpec, PickSpec, furnish, merge, pick
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.optimizers import (
     PRESETS,
@@ -99,6 +99,7 @@ GRID = np.array([[6, 3], [12, 9]])
 FRAME = Photograph("frame", np.zeros((240, 320, 3), np.uint8))
 TASK = find_task("5x5A-10000")
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
+LONG = "a" * 300
 
 
 @cache
@@ -387,6 +388,11 @@ WRONG = {
     "path: expected a file, got a folder, .": lambda: found().save("."),
     "file: expected a file, got a folder, .": lambda: write_png(".", np.zeros((4, 4), np.uint8)),
     r"file: expected a path, got 'a\x00b'": lambda: read_map("a\0b"),
+    r"file: expected a path, got '\ud800'": lambda: read_map("\ud800"),
+    r"out: expected a path, got '\ud800'": lambda: merge("part", "\ud800"),
+    f"{LONG}: expected a part of a run, made by elitelanes generate --part, got none": lambda: merge(LONG, "out"),
+    f"{LONG}: file name too long": lambda: pick(PickSpec(), LONG, "out"),
+    f"furnish: {LONG}.toml: file name too long": lambda: furnish(GRID, f"{LONG}.toml"),
     "count: expected a whole number, 0 or more, got -2": lambda: truncate(POPULATION, count=-2),
     "niche: expected indices 0 to 1, got -1 to 0": lambda: insert(POPULATION, np.array([0, -1]), POPULATION),
     "found: expected grids of shape [4, 4] each, as in the archive, got [5, 4]": lambda: insert(

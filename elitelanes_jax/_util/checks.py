@@ -3,6 +3,7 @@
 Each takes a value or its text, and returns the checked value or raises `InputError`.
 """
 
+import os
 import re
 import sys
 from collections import Counter
@@ -143,6 +144,9 @@ def real(
 
     def check(value: UserValue) -> float:
         number = _parse(value, float)
+        # NumPy compares in its own type, in which the largest float of Python may be infinite.
+        if isinstance(number, np.floating):
+            number = float(number)
         # A whole number of Python may be finite and still too large for a float.
         largest = min(most, sys.float_info.max)
         is_within = is_real(number) and least <= number <= largest
@@ -206,10 +210,19 @@ def xml_name(value: UserValue) -> str:
 
 def path(value: UserValue) -> Path:
     """Checks for a path."""
-    # The system would raise a `ValueError`, which is no `OSError`.
-    if "\0" in str(value):
-        raise InputError(f"expected a path, got {str(value)!r}")
+    # For these characters the system would raise a `ValueError`, which is no `OSError`.
+    if "\0" in str(value) or not _has_bytes(str(value)):
+        raise InputError(f"expected a path, got {shorten(repr(str(value)))}")
     return value if isinstance(value, Path) else Path(name(value))
+
+
+def _has_bytes(text: str) -> bool:
+    """Returns whether the file system can hold a text; half of a surrogate pair has no bytes."""
+    try:
+        os.fsencode(text)
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def paths(value: UserValue) -> list[Path]:

@@ -1,13 +1,14 @@
 """Runs whose seeds are searched in parts, which `merge` joins."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, none_or, path, paths, real
-from elitelanes_jax._util.errors import InputError, list_some
+from elitelanes_jax._util.errors import InputError, list_some, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
 from elitelanes_jax._util.packages import installed_versions
@@ -122,9 +123,10 @@ def order_parts(
             )
         difference = first_difference(expected, identity)
         if difference is not None:
-            name, mine, got = difference
+            name = difference.name
+            value, got = shorten(repr(difference.value)), shorten(repr(difference.other))
             raise InputError(
-                f"{folder}: expected a part of a {whole} with {name} {mine!r}, got {got!r}"
+                f"{folder}: expected a part of a {whole} with {name} {value}, got {got}"
             )
         # Two parts may have the same index, if a folder is a copy of another one.
         if index in by_index:
@@ -140,8 +142,12 @@ def order_parts(
 
 
 def _read_record(folder: Path) -> dict[str, Plain]:
+    exists = False
+    # A text may be too long for a path.
+    with suppress(OSError):
+        exists = folder.exists()
     # A part that was interrupted has only a hidden folder.
-    if not folder.exists() and has_unfinished(folder):
+    if not exists and has_unfinished(folder):
         raise InputError(
             f"{folder}: expected a complete part, got unfinished work; "
             "the same command completes it"
@@ -161,9 +167,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         complete = False
     if not complete:
-        raise InputError(
-            f"{folder}: {_EXPECTED}, got {'another folder' if folder.exists() else 'none'}"
-        )
+        raise InputError(f"{folder}: {_EXPECTED}, got {'another folder' if exists else 'none'}")
     if part is None:
         raise InputError(f"{folder}: {_EXPECTED}, got a whole run")
     return record

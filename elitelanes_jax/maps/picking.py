@@ -17,7 +17,7 @@ from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import AnyArray, Plain, UserValue
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.road_map import RoadMap, is_folder
 from elitelanes_jax.maps.choosing import choose_enough, describe_source
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import PickSpec
@@ -85,7 +85,7 @@ def pick(
     check_unique("archives", "file", map(str, files))
     # A user may name the folder of a run instead of the archive in it.
     for file in files:
-        if file.is_dir():
+        if is_folder(file):
             raise InputError(f"{file}: expected an archive, such as {file / ARCHIVE}, got a folder")
     tiles = load_tiles(spec.tiles)
     sources = [_read_source(file) for file in files]

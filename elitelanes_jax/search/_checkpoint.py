@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import compare_settings
 from elitelanes_jax._util.types import Plain
@@ -37,11 +38,20 @@ class Checkpoint:
 
         Raises `InputError` for another search's result, or a damaged file.
         """
+        # A kill leaves the part of a file that was written. The folder is locked, so no other
+        # process writes it now.
+        for file in (_RESULT, _SETTINGS):
+            stem, suffix = file.split(".")
+            for part in self.folder.glob(f".{stem}-*.part.{suffix}"):
+                part.unlink()
         if not self.kept:
             return None
         hint = "use another folder, or delete this one to start anew"
         compare_settings(self.folder, self.folder / _SETTINGS, self._identity, hint)
-        return Result.load(self.folder / _RESULT)
+        try:
+            return Result.load(self.folder / _RESULT)
+        except InputError as error:
+            raise InputError(f"{error}; {hint}") from None
 
     @property
     def kept(self) -> bool:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from elitelanes_jax._util.checks import is_whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.threads import count_cores
 from elitelanes_jax._util.types import Pytree
 
@@ -57,7 +57,8 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
     elif is_whole(devices) and devices > 0:
         return _take_in_turn(local, devices)
     raise InputError(
-        f"devices: expected JAX's devices, or their number, at least 1, got {devices!r}"
+        "devices: expected JAX's devices, or their number, at least 1, "
+        f"got {shorten(repr(devices))}"
     )
 
 

@@ -447,15 +447,15 @@ def _evolve(
                 states, count = later_states, count + 1
                 if checkpoint is not None and checkpoint.is_due():
                     checkpoint.save(run.result(states, histories, first))
+            result = run.result(states, histories, first)
+            if checkpoint is not None and not was_complete:
+                checkpoint.save(result)
         except KeyboardInterrupt:
             # Before its evaluation in generation 0, no grid is an elite.
             has_no_grids = generation < 0 and not count
             if states is None or has_no_grids:
                 raise
             raise _interrupted(run, states, histories[:count], first, last, checkpoint) from None
-        result = run.result(states, histories, first)
-    if checkpoint is not None and not was_complete:
-        checkpoint.save(result)
     _warn_of_refused(result)
     return result
 

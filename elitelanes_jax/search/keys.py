@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, is_whole
-from elitelanes_jax._util.errors import InputError, warn_user
+from elitelanes_jax._util.errors import InputError, shorten, warn_user
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.optimizers.loop import seed_key_data
@@ -52,7 +52,8 @@ def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
         return keys_of_seeds(seed, range(count))
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         raise InputError(
-            f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}"
+            "key: expected a whole number, a jax.random.key or an array of them, "
+            f"got {shorten(repr(key))}"
         )
     if isinstance(key, jax.core.Tracer):
         raise InputError(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from elitelanes_jax._util.checks import real
 from elitelanes_jax._util.engine import Pool, call_on_workers, part_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json, write_json
@@ -156,11 +157,16 @@ def _save(path: Path, part: EvolvedPart) -> None:
 
 def _load(path: Path, search: Search) -> EvolvedPart | None:
     """Returns a complete part of an equal search, or None."""
-    if not path.with_suffix(".json").exists():
+    try:
+        figures = read_json(path.with_suffix(".json"))
+        seconds, device = real(0)(figures["seconds"]), str(figures["device"])
+        result = Result.load(path.with_suffix(".npz"))
+    # An `InputError` of the checks is a `ValueError` too.
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        # The part is missing or damaged, so it is evolved again.
         return None
-    figures, result = read_json(path.with_suffix(".json")), Result.load(path.with_suffix(".npz"))
     # The folder may hold parts of an earlier search, such as one with another budget.
     if result.search != search:
         return None
     # `Search.inputs` is not saved, so the search of the caller is taken.
-    return EvolvedPart(replace(result, search=search), figures["seconds"], figures["device"])
+    return EvolvedPart(replace(result, search=search), seconds, device)

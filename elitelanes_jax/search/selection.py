@@ -144,6 +144,8 @@ def choose_maps(
     targets = search.settings.targets
     if targets:
         pursuit = SupportPoints(_target_features(candidates.metrics, targets), targets)
+    # Both groups share the counts, so that all chosen maps together are balanced between seeds.
+    maps_of_seed: Counter[int] = Counter()
     chosen: list[int] = []
     # Niches outside the target bins were stepping stones. They give maps only if the others have
     # too few.
@@ -151,7 +153,7 @@ def choose_maps(
         order = (
             _follow(pursuit, group)
             if pursuit
-            else _spread(candidates.points[group], candidates.seeds[group])
+            else _spread(candidates.points[group], candidates.seeds[group], maps_of_seed)
         )
         # Maps of the second group have to differ from those of the first.
         before = [*exclude, *candidates.grids[chosen]]
@@ -328,7 +330,9 @@ def _choose(
     return chosen
 
 
-def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
+def _spread(
+    points: NDArray[np.float64], seeds: NDArray[np.int_], maps_of_seed: Counter[int]
+) -> _Round:
     """Orders maps at points: a round yields a map of each point.
 
     The maps are sorted, fittest first. They are at `points` ``[M, D]``, and were found by `seeds`
@@ -336,10 +340,8 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
 
     If a round has fewer maps than points, the next point is always the farthest from those before.
     A point yields a map of the seed that has given the fewest so far, because maps of one seed are
-    related.
+    related. `maps_of_seed` has the number of maps that each seed has given, and is updated.
     """
-    # The number of maps that each seed has given.
-    maps_of: Counter[int] = Counter()
 
     def order(difference: NDArray[np.float64], share: float) -> Iterator[int]:
         waiting: dict[bytes, list[int]] = {}
@@ -353,8 +355,8 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
             # A point whose maps are like those chosen in this round yields none. The next point
             # takes its turn, before any point yields a second map.
             if different:
-                index = min(different, key=lambda index: (maps_of[int(seeds[index])], index))
-                maps_of[int(seeds[index])] += 1
+                index = min(different, key=lambda index: (maps_of_seed[int(seeds[index])], index))
+                maps_of_seed[int(seeds[index])] += 1
                 yield index
 
     return order

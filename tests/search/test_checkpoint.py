@@ -17,6 +17,7 @@ from certified import evolve, same
 from killed_runs import digest
 
 from elitelanes_jax import GenerateSpec, InputError, NotEnoughMapsError, Result, SearchInterrupted, SearchSpec
+from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.folders import has_unfinished, locked
 from elitelanes_jax.maps import generate
 from elitelanes_jax.search import _programs
@@ -129,6 +130,24 @@ def test_an_interruption_before_any_grid_is_evaluated_has_nothing(number, monkey
     assert type(caught.value) is KeyboardInterrupt
 
 
+@pytest.mark.parametrize("moment", ["result", "save"])
+def test_an_interruption_at_the_very_end_has_what_was_found(moment, whole, tmp_path, monkeypatch):
+    """It comes while the elites are collected, or while the last checkpoint is written."""
+    kind = search.Run if moment == "result" else Checkpoint
+    finish = getattr(kind, moment)
+
+    def interrupted(*arguments):
+        monkeypatch.setattr(kind, moment, finish)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("elitelanes_jax.search._checkpoint._SECONDS_TO_KEEP", 0)
+    monkeypatch.setattr(kind, moment, interrupted)
+    with pytest.raises(SearchInterrupted, match="at generation 135 of 135") as caught:
+        run(checkpoint=tmp_path)
+    chex.assert_trees_all_equal(caught.value.result.elites, whole.elites)
+    same(Result.load(tmp_path / "result.npz"), whole)
+
+
 def compiled_anew(setup, keys, *arguments):
     return Programs(setup, jax.ShapeDtypeStruct(keys.shape, keys.dtype), *arguments, folder=None)
 
@@ -194,11 +213,27 @@ def test_folders_in_use_damaged_or_of_another_version_are_refused(kept, tmp_path
         run(checkpoint=folder)
     whole = (folder / "result.npz").read_bytes()
     (folder / "result.npz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"result.npz: expected NumPy's .npz, got a file that cannot be read as such"):
+    with pytest.raises(
+        InputError, match=r"result.npz: expected NumPy's .npz, got a file .*; use another folder, or delete"
+    ):
         run(checkpoint=folder)
     assert len((folder / "result.npz").read_bytes()) == len(whole) // 2
     with pytest.raises(InputError, match=r"result.npz: expected a path that can be written to"):
         run(checkpoint=folder / "result.npz")
+
+
+def test_the_part_of_a_file_that_a_kill_left_is_removed(kept, whole, tmp_path, monkeypatch):
+    """Otherwise many kills would fill the disk."""
+    folder = shutil.copytree(kept[0], tmp_path / "folder")
+    with monkeypatch.context() as patch, new_file(folder / "result.npz") as part:
+        part.write_bytes(b"PK")
+        # Neither renamed nor removed, as after a kill.
+        patch.setattr(Path, "replace", lambda self, target: None)
+        patch.setattr(Path, "unlink", lambda self: None)
+    assert part.exists()
+    (folder / ".notes.txt").write_text("the user's own")
+    same(run(checkpoint=folder), whole)
+    assert sorted(file.name for file in folder.iterdir()) == [".notes.txt", "result.npz", "search.json"]
 
 
 def test_checkpoints_come_as_often_as_asked_for_and_take_little_of_the_time(tmp_path, monkeypatch, whole):

@@ -143,7 +143,7 @@ def test_configurations_are_plain_values(config):
     assert not exact or PRESETS[method, preset] == config
 
 
-WORDS = st.sampled_from(["", "custom", "paper", "town", "turns=3", "kind", "name"])
+WORDS = st.sampled_from(["", "\ud800", "custom", "paper", "town", "turns=3", "kind", "name"])
 anything = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | WORDS,
     lambda items: st.lists(items, max_size=2) | st.dictionaries(WORDS, items, max_size=2),
@@ -214,6 +214,7 @@ def changed(file, **changes):
         ({"search": plain_spec(SearchSpec()) | {"method": "luck"}}, ".* method: expected one of map-elites"),
         ({"config": config_to_plain(MapElitesConfig())}, ".* config: expected one of ea, got MapElitesConfig"),
         ({"config": {"kind": "EvolutionConfig", "population": 3}}, ".* config: expected population, offspring"),
+        ({"search": plain_spec(SearchSpec()) | {"like": ["\ud800"]}}, r".* like: file: expected a path, got '\\ud800'"),
         ({"axes": "luck"}, "a file with wrong options: axes"),
         ({"grids": None}, "a file without grids"),
         ({"fitness": np.zeros(3, np.int32)}, r"fitness of int32 \(3,\), which does not fit"),

@@ -326,6 +326,8 @@ def test_a_search_inside_a_transformation_is_refused_with_what_to_do(transform):
     ("change", "message"),
     [
         ({"key": "3"}, "key: expected a whole number, a jax.random.key or an array of them, got '3'"),
+        ({"key": [0] * 1000}, r"key: expected a whole number, .*, got \[0, 0.{,80}\.\.\.$"),
+        ({"devices": [0] * 1000}, r"devices: expected JAX's devices, .*, got \[0, 0.{,80}\.\.\.$"),
         ({"size": (5, 6)}, r"size: expected it as shape=\(5, 6\), got size="),
         ({"seed": 3}, "seed: expected it as key=3, got seed="),
         ({"key": 1, "seeds": 0}, "seeds: expected a whole number, 1 to 1000000, got 0"),

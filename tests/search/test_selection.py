@@ -185,6 +185,18 @@ def test_seeds_take_turns():
     assert Counter(road_map.seed[1] for road_map in choice.maps) == {0: 3, 1: 3}
 
 
+def test_maps_off_the_target_bins_balance_the_seeds_of_those_in_them():
+    """Seed 0 gives both maps in the target bin, so seed 1 gives the next one, although seed 0 has a fitter map."""
+    whole = random_maps(6, 6)
+    found = result([whole[:3], whole[3:]], [[0, 1, 2], [3, 4, 5]])
+    flags = jnp.array([[0, 0, 1], [1, 1, 1]])
+    descriptor = jnp.zeros_like(found.elites.descriptor).at[..., -1].set(flags)
+    search = replace(found.search, axes=(*AXES[:-1], AXES[-1]._replace(target=0)))
+    aimed = replace(found, elites=found.elites._replace(descriptor=descriptor), search=search)
+    chosen = aimed.choose(4, min_difference=(0.0,)).maps
+    assert Counter(road_map.seed[1] for road_map in chosen) == {0: 2, 1: 2}
+
+
 def test_images_of_one_map_are_one_map_and_the_fittest_stays():
     ring = np.array([[6, 5, 7, 3], [10, 6, 13, 11], [14, 13, 5, 11], [12, 5, 5, 9]])
     images = [ring, rotate(ring), mirror(ring), rotate(mirror(ring), 2)]
@@ -250,7 +262,7 @@ def test_maps_in_the_target_bins_follow_the_targets_among_themselves():
 
 def test_a_point_without_a_different_map_passes_its_turn_to_the_next_point():
     points, shares = np.array([[0.0], [1.0], [9.0], [5.0]]), np.full(4, 0.5)
-    order = _spread(np.concatenate([points, points]), np.zeros(8, int))
+    order = _spread(np.concatenate([points, points]), np.zeros(8, int), Counter())
     difference = np.concatenate([shares, shares])
     given = []
     for index in order(difference, 0.15):

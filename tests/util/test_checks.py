@@ -2,11 +2,12 @@
 
 import sys
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.checks import clip_to_int32, folder, real
+from elitelanes_jax._util.checks import clip_to_int32, file_named, folder, path, real
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.npz import unpack
 
@@ -20,6 +21,28 @@ def test_a_number_that_no_float_holds_is_refused(number):
     with pytest.raises(InputError, match="expected a number, 0 or more, got"):
         real(0)(number)
     assert real(0)(10**300) == 1e300 and real(0)(sys.float_info.max) == sys.float_info.max
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.longdouble])
+def test_a_number_of_any_type_of_numpy_is_compared_as_a_number_of_python(dtype):
+    assert real(0)(dtype(0.5)) == 0.5 and type(real(0)(dtype(0.5))) is float
+    for check in (real(0), real(0, 1e6), real(0, exclusive=True)):
+        for number in ("inf", "nan"):
+            with pytest.raises(InputError, match=f"got np.{dtype.__name__}"):
+                check(dtype(number))
+
+
+@pytest.mark.parametrize("text", ["a\0b", "a\ud800"])
+@pytest.mark.parametrize("kind", [str, Path])
+@pytest.mark.parametrize("check", [path, folder, file_named(".json")], ids=["path", "folder", "file"])
+def test_a_path_with_characters_that_no_path_has_is_refused(check, kind, text):
+    with pytest.raises(InputError, match="expected a path, got 'a"):
+        check(kind(text))
+
+
+def test_a_path_may_have_bytes_that_are_no_text():
+    assert path("a\udcff") == Path("a\udcff")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """What a map is furnished with, without JAX."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -174,8 +175,11 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
 
 def _words(text: str) -> list[str]:
     """Returns the words of a text. The name of a file may have spaces."""
-    if text.endswith(_FILES) and Path(text).exists():
-        return [text]
+    if text.endswith(_FILES):
+        # A text may be too long for a path.
+        with suppress(OSError):
+            if Path(text).exists():
+                return [text]
     return text.split()
 
 
