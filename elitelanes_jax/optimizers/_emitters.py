@@ -15,8 +15,8 @@ from jaxtyping import Array, ArrayLike, Bool, Int32, Real, UInt32
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.problem.descriptor import Axis
 
-# This number replaces the fitness of a vacant niche. It is larger than any other fitness, and its
-# sums with a penalty fit int32.
+# This number replaces the whole-numbered fitness of a vacant niche. It is larger than any other
+# such fitness, and its sums with a penalty fit int32.
 _FAR = 2**29
 
 
@@ -71,7 +71,10 @@ def nearest_elite(
 
     Vacant niches rank after all elites.
     """
-    penalised = penalise_distance(jnp.minimum(fitness, _FAR), bins, goal[..., None, :], penalty)
+    if not jnp.issubdtype(fitness.dtype, jnp.floating):
+        # A float fitness may be larger than this number, and is infinite in vacant niches.
+        fitness = jnp.minimum(fitness, _FAR)
+    penalised = penalise_distance(fitness, bins, goal[..., None, :], penalty)
     return penalised.argmin(axis=-1).astype(jnp.int32)
 
 
