@@ -215,12 +215,8 @@ class _Method:
 
         Returns the cycles of all chains, the grids that the new ones start from, and the cooling.
         """
-        config, problem, archives, cooling = (
-            self.config,
-            self.problem,
-            state.archives,
-            state.cooling,
-        )
+        config, problem = self.config, self.problem
+        archives, cooling = state.archives, state.cooling
 
         def draw(pending: Array, before: tuple[Cycle, Array]) -> tuple[Cycle, Array]:
             # These arrays depend on the loop, because otherwise XLA computes all that follows

@@ -102,11 +102,13 @@ def draw_goal(
     With probability `vacant_probability` the goal is a vacant niche, if one is reachable. Otherwise
     the goal is a filled niche.
     """
-    near, kept = reachable(niches, filled), filled & niches.targeted
+    near = reachable(niches, filled)
+    candidates = filled & niches.targeted
     # Until a niche in all target bins is filled, any filled niche gives the bins on the free axes.
-    kept = jnp.where(kept.any(), kept, jnp.where(filled.any(), filled, niches.targeted))
-    vacant = bernoulli(bits[0], vacant_probability) & near.any()
-    chosen = draw_true(bits[1], jnp.where(vacant, near, kept))
+    if_none = jnp.where(filled.any(), filled, niches.targeted)
+    candidates = jnp.where(candidates.any(), candidates, if_none)
+    is_vacant = bernoulli(bits[0], vacant_probability) & near.any()
+    chosen = draw_true(bits[1], jnp.where(is_vacant, near, candidates))
     return jnp.where(niches.free, jnp.asarray(niches.bins)[chosen], niches.targets)
 
 

@@ -129,13 +129,13 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         )
         velocity = jnp.clip(velocity, -fastest, fastest)
         position = jnp.clip(position + velocity, -_FARTHEST, _FARTHEST)
-        found = draw(second, velocity)
+        children = draw(second, velocity)
 
         # Of equally good grids a particle keeps the earlier one.
-        better = found.fitness < best.fitness
+        better = children.fitness < best.fitness
         best_position = jnp.where(better[:, None, None, None], position, best_position)
-        best = select(better, found, best)
-        info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(found))
+        best = select(better, children, best)
+        info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(children))
         return PsoState(position, velocity, best_position, best), info
 
     return Optimizer.of(init, step, lambda state: state.best, evaluations_per_step=config.particles)
