@@ -65,7 +65,11 @@ def level():
         (AnnealingConfig, {"cycle": 0}, "cycle: expected a whole number, 1 or more, got 0"),
         (AnnealedPsoConfig, {"cognitive": 0.7, "social": 0.7}, r"social: expected cognitive \+ social to be at most 1"),
         (AnnealedGwoConfig, {"leaders": 0}, "leaders: expected a whole number, 1 or more, got 0"),
-        (AnnealedMapElitesConfig, {"restart_length": 0}, "restart_length: expected a whole number, 1 or more, got 0"),
+        (
+            AnnealedMapElitesConfig,
+            {"restart_length": 2**22 + 1},
+            "restart_length: expected a whole number, 1 to 4194304, got 4194305",
+        ),
         (AnnealedMapElitesConfig, {"restart": 2}, "restart: expected a number, 0 to 1, got 2"),
         (AnnealedMapElitesConfig, {"bin_penalty": 10**6}, "bin_penalty: expected a whole number, 1 to 10000"),
         (AnnealedMapElitesConfig, {"annealing": jnp.zeros(3)}, "annealing: expected AnnealingConfig, got Array"),

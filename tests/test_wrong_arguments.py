@@ -26,6 +26,7 @@ from elitelanes_jax import (
     export,
     load_tiles,
     plots,
+    pso,
     random_grids,
     read_map,
     road_problem,
@@ -66,7 +67,7 @@ from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.formats import MapObject, without_dead_ends
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.maps import FormatOptions, PackSpec, PickSpec, furnish, merge, pick
-from elitelanes_jax.network import canonical_form
+from elitelanes_jax.network import canonical_form, vmap_in_blocks
 from elitelanes_jax.optimizers import (
     PRESETS,
     AnnealingConfig,
@@ -81,7 +82,7 @@ from elitelanes_jax.optimizers import (
 )
 from elitelanes_jax.optimizers._population import random_population
 from elitelanes_jax.optimizers.interop import qdax_scoring_fn
-from elitelanes_jax.problem import Population, extreme_maps, insert
+from elitelanes_jax.problem import Population, coverage, extreme_maps, insert
 from elitelanes_jax.problem.descriptor import niche_index
 from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.tiles import (
@@ -401,6 +402,13 @@ WRONG = {
     "found: expected features of shape [3] each, as in the archive, got [2]": lambda: insert(
         POPULATION, [0, 1], POPULATION._replace(features=np.zeros((2, 2), np.int32))
     ),
+    "found: expected grids of 2 slots, as of fitness, got 1": lambda: insert(
+        POPULATION, [0, 1], POPULATION._replace(grids=np.zeros((1, 4, 4), np.int8))
+    ),
+    "archive: expected features of 2 slots, as of fitness, got 1": lambda: insert(
+        POPULATION._replace(features=np.zeros((1, 3), np.int32)), [0, 1], POPULATION
+    ),
+    "feasible: expected bool [3], got shape [1]": lambda: coverage([True, False, True], [True]),
     "feature_weights: expected 2 numbers, one for each of measured, got shape [3]": lambda: road_problem(
         (4, 4), measured=["symmetry", "signable"], feature_weights=np.arange(3)
     ),
@@ -433,6 +441,25 @@ WRONG = {
     ),
     "fill: expected True or False, got 3": lambda: Problem((4, 4), lambda grids: grids, fill=3),
     "features: expected a name, got ''": lambda: road_problem((4, 4), features={"": lambda grid: grid[0, 0]}),
+    "fixed: expected bool [2, 2], got [[True], [True, False]]": lambda: Problem(
+        (2, 2), print, fixed=[[True], [True, False]]
+    ),
+    "initial: expected whole numbers of shape [N, 2, 2], got [[[1099511627776, 0], [0, 0]]]": lambda: Problem(
+        (2, 2), print, initial=[[[2**40, 0], [0, 0]]]
+    ),
+    "initial: expected none with the paper's PSO, whose particles are no grids, got 1 grid": lambda: pso(
+        road_problem((2, 2), initial=np.zeros((1, 2, 2), np.int8))
+    ),
+    "limits: expected an array of whole numbers, got [[0, 1]]": lambda: road_problem((4, 4), limits=[[0, 1]]),
+    "limits: expected an array of whole numbers, got float64": lambda: road_problem(
+        (4, 4), limits=np.full((2, 23), np.nan)
+    ),
+    "arguments: expected arrays with a first axis of one length, got shapes [2, 3], []": lambda: vmap_in_blocks(
+        lambda row, number: row + number
+    )(np.zeros((2, 3)), 1),
+    "arguments: expected arrays with a first axis of one length, got shapes [2], [3]": lambda: vmap_in_blocks(
+        lambda one, other: one + other
+    )(np.zeros(2), np.zeros(3)),
     "fixed: expected bool [4, 4], got": lambda: Problem(
         (4, 4), road_problem((4, 4)).evaluate, fixed=np.zeros((3, 4), bool)
     ),

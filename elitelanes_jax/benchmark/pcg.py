@@ -12,10 +12,12 @@ from jaxtyping import UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.benchmark.measuring import count_flaws
 from elitelanes_jax.benchmark.tasks import find_task
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.plain_metrics import cut_to_roads, plain_measure
 from elitelanes_jax.network.records import Metrics
@@ -95,8 +97,16 @@ class RoadNetworks:
         self.cyclomatic = int(task.cyclomatic.min()), int(task.cyclomatic.max())
 
     def info(self, content: AnyArray) -> _Info:
-        """Measures a network: rows of tile codes ``[H, W]``."""
-        codes = np.asarray(content, np.int8)
+        """Measures a network: rows of tile codes ``[H, W]``.
+
+        Raises `InputError` for other codes than 0 to 15, or another shape.
+        """
+        codes = np.asarray(check_grid(content))
+        if codes.shape != self.shape:
+            height, width = self.shape
+            raise InputError(
+                f"content: expected {height} x {width} tile codes, got {list(codes.shape)}"
+            )
         metrics = Metrics(**plain_measure(codes))
         cut = cut_to_roads(codes)
         side = max(codes.shape)

@@ -72,7 +72,7 @@ class Submission(NamedTuple):
         except InputError as error:
             raise InputError(f"{file}: {error}") from None
         _check(str(file), task, grids, LEAST_RUNS)
-        return cls(task, grids)
+        return cls(task, grids.astype(np.int8))
 
     def score(self) -> tuple[NDArray[np.float64], Scores]:
         """Measures all grids, and scores them.

@@ -11,6 +11,7 @@ from jax import lax
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, function, none_or, whole
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree
 
@@ -39,7 +40,7 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
 
     Returns:
       A function of pytrees of arrays. The arrays and the results have a leading axis of equal
-      length.
+      length; the function raises `InputError` for other arguments.
 
     Raises:
       InputError: if the kernel is not a function, or the block is not a whole number of 1 or more.
@@ -56,10 +57,20 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
     @runs_jax
     @wraps(kernel)
     def batched(*args: Pytree) -> R:
+        _check_lengths(args)
         result: R = lax.platform_dependent(*args, cpu=in_blocks, default=jax.vmap(kernel))
         return result
 
     return batched
+
+
+def _check_lengths(args: Pytree) -> None:
+    """Checks that all arrays have a first axis, of one length."""
+    shapes = [list(jnp.shape(leaf)) for leaf in jax.tree.leaves(args)]
+    lengths = {tuple(shape[:1]) for shape in shapes}
+    if len(lengths) != 1 or () in lengths:
+        got = f"shapes {', '.join(map(str, shapes))}" if shapes else "none"
+        raise InputError(f"arguments: expected arrays with a first axis of one length, got {got}")
 
 
 def _numbers_of_an_element(args: Pytree) -> int:

@@ -32,11 +32,12 @@ def mix(number: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
 
 
 def check_key(key: UserValue) -> None:
-    """Raises `InputError` for anything but a key of JAX, new or old style."""
+    """Raises `InputError` for anything but one key of JAX, new or old style."""
     is_array = isinstance(key, jax.Array | np.ndarray)
-    if not is_array or not (
-        key.dtype == jnp.uint32 or jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
-    ):
+    is_new = is_array and jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and key.ndim == 0
+    # A key of the old style is a vector.
+    is_old = is_array and key.dtype == jnp.uint32 and key.ndim == 1
+    if not is_new and not is_old:
         raise InputError(f"key: expected a jax.random.key, got {shorten(repr(key))}")
 
 
@@ -176,10 +177,13 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
 
     Returns:
       int32, of the broadcast shape.
+
+    Raises:
+      InputError: for bits of another dtype, or counts that are no whole numbers in this range. The
+        range of counts in an array of JAX is not checked.
     """
-    if is_whole(count):
-        check_named("count", whole(0), count)
-    bits = jnp.asarray(bits)
+    bits = _check_bits(bits)
+    _check_counts(count)
     high, low = bits >> 16, bits & 0xFFFF
     if isinstance(count, int | np.integer | np.ndarray) and np.max(count, initial=0) < 2**16:
         high, low, few = align(high, low, np.asarray(count).astype(np.uint32))
@@ -191,6 +195,31 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
     middle = high * count_low + (low * count_low >> 16)
     carry = (middle & 0xFFFF) + low * count_high
     return (high * count_high + (middle >> 16) + (carry >> 16)).astype(jnp.int32)
+
+
+def _check_bits(bits: UserValue) -> UInt32[Array, "..."]:
+    """Checks random bits; returns them as an array of JAX.
+
+    Shifts of another dtype give other numbers: those of int32 keep the sign.
+    """
+    dtype = bits.dtype if hasattr(bits, "dtype") else np.asarray(bits).dtype
+    if dtype != np.uint32:
+        raise InputError(f"bits: expected uint32, got {dtype}")
+    return jnp.asarray(bits)
+
+
+def _check_counts(count: UserValue) -> None:
+    """Checks one count or many; the numbers in an array of JAX may be unknown."""
+    if is_whole(count):
+        check_named("count", whole(0), count)
+        return
+    counts = count if isinstance(count, jax.Array) else np.asarray(count)
+    are_known = isinstance(counts, np.ndarray) and counts.size > 0
+    if counts.dtype.kind not in "iu" or (
+        are_known and not 0 <= counts.min() <= counts.max() < 2**31
+    ):
+        got = shorten(repr(count))
+        raise InputError(f"count: expected whole numbers, 0 to {2**31 - 1}, got {got}")
 
 
 @name_wrong_arguments
@@ -240,10 +269,10 @@ def bernoulli(
     """Returns True with a probability, from the upper 24 of 32 random bits.
 
     The result is never True for probability 0, and always True for probability 1. The probability
-    broadcasts against the bits.
+    broadcasts against the bits. Raises `InputError` for bits of another dtype than uint32.
     """
     drawn, limit = align(
-        (jnp.asarray(bits) >> 8).astype(jnp.float32), 2**24 * jnp.asarray(probability, jnp.float32)
+        (_check_bits(bits) >> 8).astype(jnp.float32), 2**24 * jnp.asarray(probability, jnp.float32)
     )
     return drawn < limit
 

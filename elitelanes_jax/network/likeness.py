@@ -165,29 +165,27 @@ class RoadSet:
         A pair has one of some checked grids and one grid of the set. The pairs are in no particular
         order.
         """
-        found = [Pairs(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
+        pairs = [Pairs(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
         for indices, boxes in _by_box(grids):
             size = grids[indices[0]].size
             for start in range(0, len(boxes), _COMPARED):
-                some, kinds = (
-                    boxes[start : start + _COMPARED],
-                    _count_kinds(boxes[start : start + _COMPARED]),
-                )
+                compared = boxes[start : start + _COMPARED]
+                kinds = _count_kinds(compared)
                 for group in self._groups:
                     # Pairs with too different numbers of tiles of each kind need no comparison of
                     # cells.
                     cells = max(size, group.cells)
                     near = _least_difference(kinds, group.kinds) < below * cells
-                    if near.any():
-                        first, second, count = _count_differing(group, some, near, below * cells)
-                        share = count / cells
-                        few = share < below
-                        found.append(
-                            Pairs(
-                                indices[start + first[few]], group.indices[second[few]], share[few]
-                            )
-                        )
-        return Pairs(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+                    if not near.any():
+                        continue
+                    first, second, count = _count_differing(group, compared, near, below * cells)
+                    share = count / cells
+                    differs_little = share < below
+                    first, second = first[differs_little], second[differs_little]
+                    pairs.append(
+                        Pairs(indices[start + first], group.indices[second], share[differs_little])
+                    )
+        return Pairs(*(np.concatenate(parts) for parts in zip(*pairs, strict=True)))
 
 
 def _least_difference(kinds: NDArray[np.int32], others: NDArray[np.int32]) -> NDArray[np.int32]:

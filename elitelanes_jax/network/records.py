@@ -262,13 +262,9 @@ def features_without_gaps(shape: tuple[int, int]) -> dict[str, int]:
 
     The grids have the shape ``(height, width)``.
     """
-    border, length = (
-        1000 * cells_on_border(shape) // (shape[0] * shape[1]),
-        1000 * max(shape) // min(shape),
-    )
     return dict.fromkeys(("box_fill", "box_share", "symmetry"), 1000) | {
-        "border_share": border,
-        "box_length": length,
+        "border_share": 1000 * cells_on_border(shape) // (shape[0] * shape[1]),
+        "box_length": 1000 * max(shape) // min(shape),
     }
 
 

@@ -79,8 +79,8 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     """Passes an array through a loop, because the input of a loop is stored.
 
     This loop has no round (or one that changes nothing), which XLA cannot know. It reads and writes
-    one number, and hardly adds to the program. On a GPU each look at the condition would
-    wait for the processor.
+    one number, and hardly adds to the program. A GPU would wait for the processor at each check of
+    the condition.
     """
     if not array.size:
         return array

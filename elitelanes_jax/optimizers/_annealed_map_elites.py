@@ -67,7 +67,8 @@ class AnnealedMapElitesConfig(Record):
       bin_penalty: the most fitness that each bin of distance from the goal adds. Each cycle draws
         its own penalty below this, all equally likely.
       restart: probability that a cycle of an isolated chain starts from a random grid.
-      restart_length: the length of a restarted cycle, in usual cycles.
+      restart_length: the length of a restarted cycle, in usual cycles. Usual cycles become shorter
+        if a restarted one would exceed 2**22 steps.
       vacant_probability: probability that the goal is a vacant niche, if one is reachable.
       elite_mate: probability that a mate is an elite.
       symmetric_probability: probability that a move is also made symmetrically in a cycle from an
@@ -87,7 +88,7 @@ class AnnealedMapElitesConfig(Record):
     annealing: AnnealingConfig = nested(AnnealingConfig(chains=1, hottest=40, coldest=12))
     bin_penalty: Int[ArrayLike, "..."] = traced(400, whole(1, 10_000))
     restart: Real[ArrayLike, "..."] = traced(0.1, real(0, 1))
-    restart_length: Int[ArrayLike, "..."] = traced(16, whole(1))
+    restart_length: Int[ArrayLike, "..."] = traced(16, whole(1, LONGEST_CYCLE))
     vacant_probability: Real[ArrayLike, "..."] = traced(0.1, real(0, 1))
     elite_mate: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     symmetric_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
@@ -214,12 +215,8 @@ class _Method:
 
         Returns the cycles of all chains, the grids that the new ones start from, and the cooling.
         """
-        config, problem, archives, cooling = (
-            self.config,
-            self.problem,
-            state.archives,
-            state.cooling,
-        )
+        config, problem = self.config, self.problem
+        archives, cooling = state.archives, state.cooling
 
         def draw(pending: Array, before: tuple[Cycle, Array]) -> tuple[Cycle, Array]:
             # These arrays depend on the loop, because otherwise XLA computes all that follows

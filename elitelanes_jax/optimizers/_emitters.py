@@ -15,8 +15,8 @@ from jaxtyping import Array, ArrayLike, Bool, Int32, Real, UInt32
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.problem.descriptor import Axis
 
-# This number replaces the fitness of a vacant niche. It is larger than any other fitness, and its
-# sums with a penalty fit int32.
+# This number replaces the whole-numbered fitness of a vacant niche. It is larger than any other
+# such fitness, and its sums with a penalty fit int32.
 _FAR = 2**29
 
 
@@ -71,7 +71,10 @@ def nearest_elite(
 
     Vacant niches rank after all elites.
     """
-    penalised = penalise_distance(jnp.minimum(fitness, _FAR), bins, goal[..., None, :], penalty)
+    if not jnp.issubdtype(fitness.dtype, jnp.floating):
+        # A float fitness may be larger than this number, and is infinite in vacant niches.
+        fitness = jnp.minimum(fitness, _FAR)
+    penalised = penalise_distance(fitness, bins, goal[..., None, :], penalty)
     return penalised.argmin(axis=-1).astype(jnp.int32)
 
 
@@ -99,11 +102,13 @@ def draw_goal(
     With probability `vacant_probability` the goal is a vacant niche, if one is reachable. Otherwise
     the goal is a filled niche.
     """
-    near, kept = reachable(niches, filled), filled & niches.targeted
+    near = reachable(niches, filled)
+    candidates = filled & niches.targeted
     # Until a niche in all target bins is filled, any filled niche gives the bins on the free axes.
-    kept = jnp.where(kept.any(), kept, jnp.where(filled.any(), filled, niches.targeted))
-    vacant = bernoulli(bits[0], vacant_probability) & near.any()
-    chosen = draw_true(bits[1], jnp.where(vacant, near, kept))
+    if_none = jnp.where(filled.any(), filled, niches.targeted)
+    candidates = jnp.where(candidates.any(), candidates, if_none)
+    is_vacant = bernoulli(bits[0], vacant_probability) & near.any()
+    chosen = draw_true(bits[1], jnp.where(is_vacant, near, candidates))
     return jnp.where(niches.free, jnp.asarray(niches.bins)[chosen], niches.targets)
 
 

@@ -42,6 +42,7 @@ from elitelanes_jax.network.codes import (
     rotate_codes,
     transpose_codes,
 )
+from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import lookup, materialize, take
@@ -243,6 +244,7 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
     @runs_jax
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
+        bits = check_array("bits", bits, (move.bits + 1,), jnp.uint32)
         varied = Variation(*move.apply(bits[:-1], grid, mate))
         happens = bernoulli(bits[-1], probability)
         filled = repair(*varied, fill=True, fixed=fixed)
@@ -264,10 +266,11 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     @runs_jax
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        varied, dirty = move.apply(bits[: move.bits], grid, mate)
+        bits = check_array("bits", bits, (move.bits + 1,), jnp.uint32)
+        varied, dirty = move.apply(bits[:-1], grid, mate)
         rotated_grid = rotate_codes(varied, 2)[::-1, ::-1]
         is_copied = dirty[::-1, ::-1]
-        is_copied &= bernoulli(bits[move.bits], probability)
+        is_copied &= bernoulli(bits[-1], probability)
         # Where the two changes overlap, the tile of the lower index decides.
         indices = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
         is_decided = dirty & (indices <= indices[::-1, ::-1])
@@ -389,10 +392,12 @@ def _move(
             drawn_moves[name] = move
     cumulative_weights = jnp.cumsum(jnp.array(drawn_weights, jnp.int32))
     plans = tuple(weights_by_plan)
+    most_user_bits = max((move.bits for move in drawn_moves.values()), default=0)
 
     @runs_jax
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
+        bits = check_array("bits", bits, (_BITS + most_user_bits,), jnp.uint32)
         if mate is None:
             mate = grid
         number = randint(bits[0], cumulative_weights[-1])
@@ -410,7 +415,6 @@ def _move(
             varied = jax.tree.map(partial(jnp.where, drawn_index == index), user_variation, varied)
         return varied
 
-    most_user_bits = max((move.bits for move in drawn_moves.values()), default=0)
     return Move(_BITS + most_user_bits, apply)
 
 

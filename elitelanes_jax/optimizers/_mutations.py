@@ -112,14 +112,17 @@ def paper_mutation(
         mutations.append((insert_crossing(alphabet), crossing_rate))
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        dirty, used = jnp.zeros(grid.shape, bool), 0
+        dirty = jnp.zeros(grid.shape, bool)
+        first = 0
         # A mutation is computed even if it does not happen. A branch would save nothing, because
         # under `jax.vmap` JAX computes every branch.
         for mutation, rate in mutations:
-            last = used + mutation.bits
-            varied, happens = mutation.apply(bits[used:last], grid), bernoulli(bits[last], rate)
-            grid, dirty = jnp.where(happens, varied.grid, grid), dirty | varied.dirty & happens
-            used = last + 1
+            last = first + mutation.bits
+            varied = mutation.apply(bits[first:last], grid)
+            happens = bernoulli(bits[last], rate)
+            grid = jnp.where(happens, varied.grid, grid)
+            dirty = dirty | varied.dirty & happens
+            first = last + 1
         return Variation(grid, dirty)
 
     return Move(sum(mutation.bits + 1 for mutation, _ in mutations), apply)

@@ -152,20 +152,16 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
         words = "expected a tuple of two arrays, fitness and features"
         raise InputError(f"evaluate: {words}, got {shorten(repr(evaluation))}")
     fitness, features = evaluation
-    expected, got = (
-        ((len(grids),), (len(grids), len(problem.feature_names))),
-        (fitness.shape, features.shape),
-    )
+    expected = (len(grids),), (len(grids), len(problem.feature_names))
+    got = fitness.shape, features.shape
     if expected != got:
         raise InputError(f"evaluate: expected fitness and features of shapes {expected}, got {got}")
-    kinds = fitness.dtype, features.dtype
-    is_real = jnp.issubdtype(kinds[0], jnp.number) and not jnp.issubdtype(
-        kinds[0], jnp.complexfloating
-    )
-    if not (is_real and jnp.issubdtype(kinds[1], jnp.integer)):
+    is_number = jnp.issubdtype(fitness.dtype, jnp.number)
+    is_complex = jnp.issubdtype(fitness.dtype, jnp.complexfloating)
+    if not is_number or is_complex or not jnp.issubdtype(features.dtype, jnp.integer):
         raise InputError(
             "evaluate: expected a fitness of real numbers and features of whole numbers, "
-            f"got {kinds[0]} and {kinds[1]}"
+            f"got {fitness.dtype} and {features.dtype}"
         )
     # A number that does not fit int32 refuses its grid, because a conversion would change the
     # number.

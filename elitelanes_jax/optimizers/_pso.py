@@ -16,6 +16,7 @@ from jaxtyping import Array, ArrayLike, Int32, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import real, whole
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
@@ -83,9 +84,15 @@ class PsoState(NamedTuple):
 def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     """Makes particle swarm optimisation of a problem; its elites are the particles' best grids.
 
-    The default configuration is the preset `paper`.
+    The default configuration is the preset `paper`. Raises `InputError` for a problem with initial
+    grids: a particle is a distribution, so a run cannot start from grids.
     """
     check_arguments(problem, config, PsoConfig)
+    if problem.initial is not None and len(problem.initial):
+        raise InputError(
+            "initial: expected none with the paper's PSO, whose particles are no grids, "
+            f"got {pluralize(len(problem.initial), 'grid')}"
+        )
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.particles, codes.size, *problem.shape)
     inertia, cognitive, social = (
@@ -122,13 +129,13 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         )
         velocity = jnp.clip(velocity, -fastest, fastest)
         position = jnp.clip(position + velocity, -_FARTHEST, _FARTHEST)
-        found = draw(second, velocity)
+        children = draw(second, velocity)
 
         # Of equally good grids a particle keeps the earlier one.
-        better = found.fitness < best.fitness
+        better = children.fitness < best.fitness
         best_position = jnp.where(better[:, None, None, None], position, best_position)
-        best = select(better, found, best)
-        info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(found))
+        best = select(better, children, best)
+        info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(children))
         return PsoState(position, velocity, best_position, best), info
 
     return Optimizer.of(init, step, lambda state: state.best, evaluations_per_step=config.particles)

@@ -20,6 +20,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import bernoulli, mix, randint
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
+from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import lookup, materialize, take
 from elitelanes_jax.optimizers._mutations import Move, Variation
@@ -31,6 +32,8 @@ LINES = 3
 _STATES, _SHOWN = 4**LINES, 5
 # The number of bits of a column in `StripTables.columns`, and the entry if no column fits.
 _BITS, _NONE = 4 * LINES, -1
+# The random numbers that the move takes.
+_MOVE_BITS = 5
 
 _FORTH = np.array([0b0011, 0b0001, 0b1100, 0b0100, 0b1000])
 """The labels that each index of `_shown` offers on an eastern or southern side.
@@ -176,6 +179,8 @@ def refit_strip(
     @runs_jax
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
+        bits = check_array("bits", bits, (_MOVE_BITS,), jnp.uint32)
+        grid = jnp.asarray(grid, jnp.int8)
         height, width = grid.shape
         if min(height, width) < LINES:
             return Variation(grid, jnp.zeros(grid.shape, bool))
@@ -214,7 +219,7 @@ def refit_strip(
         new = jnp.where(upright, transpose_codes(new), new)
         return Variation(jnp.where(inside, new.astype(jnp.int8), grid), inside)
 
-    return Move(5, apply)
+    return Move(_MOVE_BITS, apply)
 
 
 def _refitted(

@@ -35,6 +35,9 @@ def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     """
     seed = check_named("seed", SEED, seed)
     index = whole(0, 2**32 - 1)
+    if hasattr(indices, "tolist"):
+        # An array without axes becomes a number.
+        indices = indices.tolist()
     if isinstance(indices, Iterable) and np.ndim(indices):
         chosen = np.array([check_named("indices", index, one) for one in indices], np.int64)
     else:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int8, Int32, Real
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.sharding import divide_batches
@@ -87,9 +87,9 @@ def insert(
       accept_equal: whether the first in the batch replaces an elite of equal fitness.
 
     Raises:
-      InputError: for another number of indices than of grids, another dtype of fitness or other
-        shapes of grids and features than the archive's, or an index of no niche; the last not under
-        `jax.jit`.
+      InputError: for other numbers of indices, grids and features than of fitnesses, another dtype
+        of fitness or other shapes of grids and features than the archive's, or an index of no
+        niche; the last not under `jax.jit`.
     """
     archive, found = Population(*map(jnp.asarray, archive)), Population(*map(jnp.asarray, found))
     _check_offer(archive, niche, found)
@@ -152,6 +152,14 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
             raise InputError(
                 f"found: expected {part} of shape {expected} each, as in the archive, got {got}"
             )
+        # A single grid would be broadcast to all slots.
+        for name, population in (("archive", archive), ("found", found)):
+            slots, rows = population.fitness.size, len(getattr(population, part))
+            if rows != slots:
+                raise InputError(
+                    f"{name}: expected {part} of {pluralize(slots, 'slot')}, as of fitness, "
+                    f"got {rows}"
+                )
 
 
 @name_wrong_arguments
@@ -170,8 +178,13 @@ def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
     """Returns the filled share of the feasible niches, float ``[...]``.
 
     `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be
-    filled; by default all. NumPy computes it, therefore call it outside `jax.jit`.
+    filled; by default all. NumPy computes it, therefore call it outside `jax.jit`. Raises
+    `InputError` for feasible niches of another number.
     """
     valid = np.atleast_1d(np.asarray(valid, bool))
     feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)
+    if feasible.shape != valid.shape[-1:]:
+        raise InputError(
+            f"feasible: expected bool [{valid.shape[-1]}], got shape {list(feasible.shape)}"
+        )
     return (valid & feasible).sum(axis=-1) / max(1, int(feasible.sum()))

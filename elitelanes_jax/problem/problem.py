@@ -104,12 +104,7 @@ class Problem:
         check_named("repair", none_or(function_of("grid", raster=False)), self.repair)
         check_named("initial", none_or(_check_initial), self.initial, shape)
         check_named("fill", flag, self.fill)
-        if self.fixed is not None:
-            dtype = getattr(self.fixed, "dtype", None) or np.asarray(self.fixed).dtype
-            if dtype != np.bool_ or np.shape(self.fixed) != shape:
-                height, width = shape
-                got = shorten(repr(self.fixed))
-                raise InputError(f"fixed: expected bool [{height}, {width}], got {got}")
+        check_named("fixed", none_or(_check_fixed), self.fixed, shape)
         # The features may have any names, so axes are checked against these names instead of the
         # known features.
         axes: tuple[Axis, ...] = ()
@@ -256,12 +251,23 @@ def _no_penalties(features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
     return jnp.zeros(features.shape[:-1], jnp.int32)
 
 
+def _check_fixed(fixed: UserValue, shape: tuple[int, int]) -> None:
+    expected = f"bool [{shape[0]}, {shape[1]}]"
+    try:
+        array = fixed if hasattr(fixed, "dtype") else np.asarray(fixed)
+    except ValueError:
+        # The rows have several lengths.
+        raise InputError(f"expected {expected}, got {shorten(repr(fixed))}") from None
+    if array.dtype != np.bool_ or array.shape != shape:
+        raise InputError(f"expected {expected}, got {shorten(repr(fixed))}")
+
+
 def _check_initial(initial: UserValue, shape: tuple[int, int]) -> None:
     """Checks grids to start from; the codes of traced ones are unknown."""
     expected = f"whole numbers of shape [N, {shape[0]}, {shape[1]}]"
     try:
         array = initial if hasattr(initial, "dtype") else jnp.asarray(initial)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         raise InputError(f"expected {expected}, got {shorten(repr(initial))}") from None
     has_shape = array.ndim == 3 and array.shape[1:] == shape
     if not has_shape or not jnp.issubdtype(array.dtype, jnp.integer):

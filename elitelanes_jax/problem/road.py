@@ -16,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, flag, instance, listed
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -150,8 +150,8 @@ def road_problem(
 
     Raises:
       InputError: for a bad shape, alphabet, axis, range, feature, kernel, fitness, cell or initial
-        grid, limits of another shape or size, another number of weights than K, or weights with
-        which a fitness might not fit int32. The values of traced weights and limits are not
+        grid, limits of another shape, type or size, another number of weights than K, or weights
+        with which a fitness might not fit int32. The values of traced weights and limits are not
         checked.
     """
     shape = check_shape(shape, new=True)
@@ -375,6 +375,9 @@ def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyAr
 
 def _count_limited(limits: AnyArray, feature_names: Sequence[str]) -> int:
     """Checks limits of columns; returns how many columns they limit, 0 if the limits are traced."""
+    if not hasattr(limits, "dtype") or not jnp.issubdtype(limits.dtype, jnp.integer):
+        got = getattr(limits, "dtype", shorten(repr(limits)))
+        raise InputError(f"limits: expected an array of whole numbers, got {got}")
     shape = (2, len(feature_names) + len(SHARES))
     if np.shape(limits) != shape:
         expected, got = list(shape), list(np.shape(limits))

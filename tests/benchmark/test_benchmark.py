@@ -305,6 +305,8 @@ def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
     read = Submission.load(tmp_path / "mine.npz")
     assert read.task.name == task.name
     np.testing.assert_array_equal(read.grids, one.grids)
+    one._replace(grids=one.grids.astype(np.int64)).save(tmp_path / "wide.npz")
+    assert Submission.load(tmp_path / "wide.npz").grids.dtype == np.int8
 
 
 def test_a_search_may_end_early_and_faults_are_named():

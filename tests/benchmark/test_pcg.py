@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elitelanes_jax import mirror, rotate
+from elitelanes_jax import InputError, mirror, rotate
 from elitelanes_jax.benchmark import find_task, register_pcg_problems
 from elitelanes_jax.benchmark.measuring import measure_grids
 from elitelanes_jax.benchmark.pcg import VARIANTS, RoadNetworks, draw_roads
@@ -49,6 +49,15 @@ def test_a_network_does_not_differ_from_its_images_elsewhere():
     between = np.array([[roads.diversity(one, other) for other in witnesses] for one in witnesses])
     np.testing.assert_array_equal(between, between.T)
     assert (np.diag(between) == 0).all() and between.max() == 1
+
+
+def test_other_contents_are_refused():
+    roads = RoadNetworks("7x7B")
+    # In int8, 258 would be code 2.
+    with pytest.raises(InputError, match="^grid: expected tile codes 0 to 15, got 258 at row 0, column 0"):
+        roads.info(np.full((7, 7), 258))
+    with pytest.raises(InputError, match=r"^content: expected 7 x 7 tile codes, got \[3, 3\]"):
+        roads.info(np.zeros((3, 3), int))
 
 
 def test_pictures_show_each_open_side():

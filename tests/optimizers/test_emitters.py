@@ -91,6 +91,12 @@ def test_the_nearest_elite_has_the_lowest_penalised_fitness_and_no_vacant_niche_
             assert niche == np.argmin(prices)
 
 
+def test_a_large_float_fitness_is_nearer_than_a_vacant_niche():
+    fitness = jnp.array([jnp.inf, 3e9, 2e9, jnp.inf], jnp.float32)
+    bins, goal = np.arange(4, dtype=np.int32)[:, None], jnp.zeros(1, jnp.int32)
+    assert nearest_elite(fitness, bins, goal, 300) == 2
+
+
 def test_each_axis_may_have_a_penalty_of_its_own():
     place, target = np.array([3, 1, 0], np.int32), np.array([0, 0, 2], np.int32)
     assert penalise_distance(jnp.int32(-7), place, target, 10) == -7 + 60

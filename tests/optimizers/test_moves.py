@@ -12,6 +12,7 @@ import pytest
 from oracle import measure as oracle
 from oracle import road_graph
 
+from elitelanes_jax import InputError
 from elitelanes_jax.network import mirror, repair, rotate
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.network.codes import CONNECTIONS
@@ -20,6 +21,7 @@ from elitelanes_jax.optimizers import (
     MoveWeights,
     make_move,
     random_move,
+    refit_strip,
     with_fill,
     with_symmetric_copy,
 )
@@ -304,3 +306,20 @@ def test_a_mix_of_one_move_is_that_move():
         alone = jax.jit(jax.vmap(move.apply, (0, None, None)))(bits, grid, mate).grid
         np.testing.assert_array_equal(varied(MoveWeights(**NONE | {name: 7})), alone)
         assert (np.asarray(alone) != np.asarray(grid)).any(), name
+
+
+@pytest.mark.usefixtures("any_types")
+@pytest.mark.parametrize(
+    "move",
+    [
+        make_move("corner"),
+        refit_strip(),
+        with_fill(0.5, make_move("link")),
+        with_symmetric_copy(0.5, make_move("link")),
+    ],
+)
+def test_a_move_takes_its_own_number_of_bits(move):
+    grid = network((5, 5))
+    for bits in (jnp.zeros(move.bits - 1, jnp.uint32), jnp.zeros(move.bits, jnp.int32)):
+        with pytest.raises(InputError, match=rf"^bits: expected uint32 \[{move.bits}\], got {bits.dtype} \["):
+            move.apply(bits, grid)

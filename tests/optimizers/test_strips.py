@@ -134,3 +134,13 @@ def test_grids_of_two_lines_do_not_change():
     ((same, dirty),) = drawn(grid, empty=True, whole=0.5, count=50).values()
     np.testing.assert_array_equal(same, grid)
     assert not dirty.any()
+
+
+@pytest.mark.usefixtures("any_types")
+@pytest.mark.parametrize("dtype", [np.uint8, np.int32])
+@pytest.mark.parametrize("grid", [SPIRAL, SPIRAL[:2]])
+def test_strips_of_any_whole_numbers_are_int8(grid, dtype):
+    bits = random_bits(jax.random.key(0), (refit_strip().bits,))
+    expected, varied = (refit_strip().apply(bits, jnp.asarray(grid, kind)).grid for kind in (jnp.int8, dtype))
+    assert varied.dtype == jnp.int8
+    np.testing.assert_array_equal(varied, expected)

@@ -268,6 +268,8 @@ def test_seeds_have_the_usual_keys_of_jax_whatever_kind_is_set(kind):
         found = search(7, SHAPE, seeds=2, generations=3, method="ea")
     chex.assert_trees_all_equal(found.elites, search(seed_keys(7, 2), SHAPE, generations=3, method="ea").elites)
     assert seed_keys(3, 0).shape == (0,)
+    for indices in (jnp.array([0, 1, 2]), np.array(3), range(3)):
+        assert (seed_keys(3, indices) == seed_keys(3, 3)).all()
 
 
 def test_results_are_printed_in_a_few_lines():
