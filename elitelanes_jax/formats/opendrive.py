@@ -218,13 +218,12 @@ def _connecting_pieces(network: _Network, movement: Movement) -> list[Curve]:
         )
         return [half_circle]
     links = network.links
-    # Only roads between adjacent crossings lead beyond the border. Dead ends and junctions inside
-    # roads are no crossings.
-    is_crossing = len(links[movement.node.tile]) > 2
+    # Only roads between adjacent crossings lead beyond the border. This tile is then a crossing,
+    # because a junction inside a road is next to no crossing.
     return middle_across_tile(
         movement,
-        from_crossing=is_crossing and len(links[movement.node.tile_before]) > 2,
-        to_crossing=is_crossing and len(links[movement.next_node.tile]) > 2,
+        from_crossing=len(links[movement.node.tile_before]) > 2,
+        to_crossing=len(links[movement.next_node.tile]) > 2,
     )
 
 

@@ -8,6 +8,7 @@ import sys
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import killed_runs
@@ -32,6 +33,7 @@ from elitelanes_jax.network import canonical_form, plain_measure
 from elitelanes_jax.optimizers import seed_keys
 from elitelanes_jax.search import SearchSpec
 from elitelanes_jax.search.resolve import resolve
+from elitelanes_jax.search.selection import Choice
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, default_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
@@ -298,6 +300,21 @@ def test_each_round_evolves_other_seeds():
     size = _Size(5, resolve(SearchSpec(), (5, 5)), 9, Path())
     rounds = np.concatenate([size.keys(number).data for number in range(3)])
     np.testing.assert_array_equal(rounds, key_data(seed_keys(5, 48)))
+
+
+def test_maps_differ_from_those_of_earlier_rounds_and_of_other_sizes(tmp_path, monkeypatch):
+    excluded, (other, *maps) = [], random_maps(20, 6)
+
+    def choose(count, seed, *, exclude, min_difference):
+        excluded.append(exclude)
+        return Choice([maps.pop() for _ in range(8)], 8, {}, 0)
+
+    monkeypatch.setattr("elitelanes_jax.dataset._plan.evolve_search", lambda *_: SimpleNamespace(choose=choose))
+    size = _Size(5, resolve(SearchSpec(), (6, 6)), 16, tmp_path)
+    first, second = size.rounds([other.codes])
+    assert len(second) == 8
+    assert [len(grids) for grids in excluded] == [1, 9]
+    np.testing.assert_array_equal(excluded[1], [other.codes, *(road_map.codes for road_map in first)])
 
 
 def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):

@@ -123,6 +123,19 @@ def test_a_share_is_visible_of_what_is_cut_off_or_hidden(drawn_tiles):
     assert not seen(at("tree", -0.5, 0, 0.1))
 
 
+def test_a_whole_object_ends_before_the_camera(drawn_tiles):
+    """Looking down at the foot of a tree, whose top is behind the camera."""
+    steep = replace(VIEWS, pitch=60, forward=0.3, wobble=0)
+    pose = draw_sample(RoadMap(TOWN), drawn_tiles, 0, tile_px=PX, camera=steep).record["pose"]
+    x, y, theta = (pose[name] for name in ("x", "y", "theta"))
+    ahead = 0.33 / TILE
+    tree = MapObject("tree", x + ahead * np.cos(theta), y - ahead * np.sin(theta), theta + np.pi, 0.25)
+    road_map = RoadMap(TOWN, objects=[tree])
+    record = draw_sample(road_map, drawn_tiles, 0, tile_px=PX, camera=steep, objects=load_objects()).record
+    (seen,) = record["objects"]
+    assert record["pose"] == pose and -steep.rows < seen["whole"][1] < 0
+
+
 def test_the_camera_is_in_no_object(drawn_tiles):
     pose = draw_sample(RoadMap(TOWN), drawn_tiles, 0, tile_px=PX, camera=VIEWS).record["pose"]
     robot = MapObject("duckiebot", pose["x"], pose["y"], pose["theta"], 0.12)

@@ -213,6 +213,13 @@ def test_a_map_without_lanes_has_no_view():
         draw_viewpoint(np.random.default_rng(0), SMALL, np.array([[4, 1], [0, 0]], np.int8), PX)
 
 
+def test_a_camera_looks_straight_down_at_most():
+    steep = replace(SMALL, pitch=80, field_of_view=170, wobble=0.5)
+    cameras = [viewpoint.about["camera"] for viewpoint in viewpoints(20, steep)]
+    assert max(camera["pitch"] for camera in cameras) == 90
+    assert max(camera["field_of_view"] for camera in cameras) == 175
+
+
 def test_the_robot_touches_no_object():
     """As `LaneDrive` finds. Poses that touch no object are those of the map without objects, to the bit."""
     things = (*furnish(TOWN, "lane_robots=4 lane_duckies=4").objects, MapObject("floor_tag", 1.5, 0.7, 0.0, 0.0))

@@ -18,7 +18,8 @@ from folders import files, read_picture
 from given_maps import small
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset
-from elitelanes_jax.dataset._drawing import Samples
+from elitelanes_jax._util.engine import Pool
+from elitelanes_jax.dataset._drawing import Drawing, Samples, _tasks, record_line
 from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.maps.spec import SPLITS
 
@@ -234,6 +235,18 @@ def test_blocks_know_how_many_there_are(samples, blocks, tmp_path):
     made = list(Samples(1, np.zeros(samples, int), range(samples), tmp_path, tmp_path).blocks_of(0))
     assert [block.total for block in made] == blocks
     assert [index for block in made for index in block.indices] == list(range(samples))
+
+
+def test_a_resumed_run_has_the_same_parts(tmp_path):
+    samples = Samples(1, np.array([0, 0, 1, 1]), range(4), tmp_path, tmp_path)
+    drawing = Drawing(DatasetSpec(maps=4, size=2, split=(1, 0, 0)), dict.fromkeys(range(4)), None, None, None)
+
+    def parts():
+        return [[portion.indices for portion in task.portions] for task in _tasks(Pool(None, 2), drawing, samples)]
+
+    assert parts() == [[[0, 1]], [[2, 3]]]
+    next(samples.blocks()).records.write_bytes(record_line(0, {}))
+    assert parts() == [[[1]], [[2, 3]]]
 
 
 def test_without_pyarrow_the_message_names_it(tmp_path, monkeypatch):

@@ -123,7 +123,10 @@ def test_maps_without_crossings_need_no_signs():
     free = [{"where": "crossings=..0"}, {"where": "cyclomatic=1"}, {"alphabet": [3, 5, 6, 9, 10, 12]}]
     for search in free:
         plan_dataset(DatasetSpec(furnish="signs", search=SearchSpec(**search)))
-    plan_dataset(DatasetSpec(furnish="signs", size=2))
+    for size in (2, (2, 3)):
+        plan_dataset(DatasetSpec(furnish="signs", size=size))
+    with pytest.raises(InputError, match="^furnish: expected rules=duckietown, "):
+        plan_dataset(DatasetSpec(furnish="signs", size=3))
 
 
 def test_signs_at_every_crossing_need_maps_that_can_have_them():

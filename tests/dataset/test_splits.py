@@ -8,6 +8,7 @@ import pytest
 from elitelanes_jax import DatasetSpec, InputError, RoadMap
 from elitelanes_jax._util.progress import reporting
 from elitelanes_jax.dataset._splits import split_maps
+from elitelanes_jax.maps._splits import _shuffle_groups
 from elitelanes_jax.maps.packing import _split
 from elitelanes_jax.maps.spec import PackSpec
 
@@ -67,6 +68,12 @@ def test_fewer_groups_than_splits_are_refused():
     )
     with pytest.raises(InputError, match=re.escape(words)):
         split([7, 3], (0.8, 0.1, 0.1))
+
+
+def test_the_order_of_groups_does_not_depend_on_that_of_the_maps():
+    groups, niches = [0, 0, 1, 1, 2, 2], ["a", "b", "c", "d", "e", "f"]
+    for seed in range(9):
+        assert _shuffle_groups(seed, groups, niches) == _shuffle_groups(seed, groups[::-1], niches[::-1])
 
 
 def test_niches_with_alike_maps_are_in_one_split_of_a_pack():

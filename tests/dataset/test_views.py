@@ -149,6 +149,8 @@ def test_reading():
     )
     assert parse_transforms(["scale=1.5"]).scale == (1.5, 1.5)
     assert parse_transforms(["varied", "shadow=0"]) == VARIED.replace(shadow=0.0)
+    with pytest.raises(InputError, match="^transforms: expected standard alone or first, because it sets all"):
+        parse_transforms(["noise=0", "standard"])
 
 
 def test_a_crop_larger_than_the_map_is_refused():

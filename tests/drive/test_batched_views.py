@@ -82,6 +82,14 @@ def viewpoint_of(plan, camera):
     return _robot_views.Viewpoint(matrix, size, sky, TILE_PX, lines, {"pose": pose, "camera": drawn})
 
 
+@pytest.mark.parametrize("columns", [1, 3, 4])
+def test_the_middle_of_a_picture_is_straight_ahead(columns):
+    pose, camera = Pose(*jnp.array([0.5, 0.25, 0.0])), Camera(rows=3, columns=columns)
+    rows = drawing._meet_ground(pose, camera, 4, 1, smaller=False)
+    beside = 0.5 * (columns % 2 == 0) * rows.y_step
+    np.testing.assert_allclose((rows.y - beside)[rows.seen], 1.25 * 2**20, atol=1)
+
+
 def test_a_single_column_is_the_middle_one_of_three(scenes):
     one, three = (
         views(jax.random.key(5), scenes, 8, camera=Camera(rows=30, columns=columns), samples=1) for columns in (1, 3)

@@ -12,6 +12,7 @@ from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.drive import Camera, LaneDrive, Pose, look, make, make_objects, make_sight
 from elitelanes_jax.drive._objects import Floor, lie, make_billboards, pack_billboards, touches
+from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
 from elitelanes_jax.tiles import load_objects
@@ -68,6 +69,15 @@ def test_the_nearest_objects_are_shown(sight):
     assert make_objects([RoadMap(TOWN)]) is None
 
 
+def test_an_object_is_seen_if_its_middle_is_beside_the_picture(sight):
+    house = MapObject("house", 1.3 + 0.17 / TILE, 0.5 - 0.17 / TILE, np.pi, 0.3)
+    objects = pick(make_objects([RoadMap(TOWN, objects=[house])]), 0)
+    pose = (1.3, 0.5, 0.0)
+    view = jax.jit(look)(Pose(*map(jnp.float32, pose)), TOWN, sight, objects)
+    owners, _ = draw_back_to_front([house], load_objects().views, pose, CAMERA | {"distortion": None}, shrink)
+    assert owners.any() and (view.instances == owners).mean() > 0.998
+
+
 @pytest.mark.usefixtures("standard")
 def test_the_nearest_objects_on_the_floor_are_those_ahead():
     """The one behind is nearer, and a view of a single object shows the one ahead."""
@@ -120,7 +130,11 @@ def test_a_robot_starts_beside_an_object_that_is_in_its_place():
     start = LaneDrive.reset(keys[0], params)[1].pose
     on_the_start = MapObject("cone", float(start.x), float(start.y), 0.0, 0.08)
     far = on_the_start._replace(x=-0.9, y=-0.9)
-    for name, thing in (("none", None), ("far", far), ("near", on_the_start)):
+    # A tree on the second half of the lane leaves only places before the robot's own.
+    movement = LaneDrive.reset(keys[0], params)[1].movement
+    end = lane_point(movement, lane_length(movement.turn))
+    tree = MapObject("tree", float(end.x), float(end.y), 0.0, 1.0)
+    for name, thing in (("none", None), ("far", far), ("near", on_the_start), ("tree", tree)):
         _, params = make("LaneDrive", replace(road, objects=thing and (thing,)), **settings)
         poses[name] = jax.vmap(lambda key, params=params: LaneDrive.reset(key, params)[1])(keys).pose
     np.testing.assert_allclose(poses["far"], poses["none"], atol=1e-6)
@@ -130,11 +144,13 @@ def test_a_robot_starts_beside_an_object_that_is_in_its_place():
     assert touched[0] and not touched.all()
     assert (gaps["near"] > reach).all()
     np.testing.assert_allclose(gaps["near"][~touched], gaps["none"][~touched], atol=1e-6)
+    blocked, free = (np.hypot(poses[name].x - tree.x, poses[name].y - tree.y) * TILE for name in ("none", "tree"))
+    assert (blocked <= tree.radius + 0.15 / 2).any() and (free > tree.radius + 0.15 / 2).all()
 
 
 @pytest.mark.parametrize("collision", ["terminate", "cost"])
 def test_lane_drive_ends_or_pays_where_an_object_is_touched(collision):
-    road, settings = RoadMap(TOWN), {"count": 1, "task": "lane", "start_d": 0.0, "start_phi": 0.0}
+    road, settings = RoadMap(TOWN), {"count": 1, "task": "route", "start_d": 0.0, "start_phi": 0.0}
     _, free = make("LaneDrive", road, **settings)
     _, start = LaneDrive.reset(jax.random.key(0), free)
     x, y, theta = (float(part) for part in start.pose)
@@ -156,6 +172,14 @@ def test_lane_drive_ends_or_pays_where_an_object_is_touched(collision):
     assert other.info.collision is None
     cost = 7.0 if collision == "terminate" else 7.0 / 30
     np.testing.assert_allclose(other.reward - done.reward, cost, rtol=1e-4)
+    # A touch on the goal is a success, unless it ends the episode.
+    movement = state.movement
+    pose = lane_point(movement, lane_length(movement.turn) - 1e-3)
+    on_goal = ahead._replace(x=float(pose.x), y=float(pose.y))
+    objects = pick(make_objects([replace(road, objects=(flat, on_goal))]), 0)
+    state = state._replace(pose=pose, goal=movement.next_node, objects=objects)
+    done = LaneDrive.step(jax.random.key(1), state, jnp.array([0.5, 0.5]), params)
+    assert done.info.collision and bool(done.info.success) == (collision == "cost")
 
 
 def test_faults_are_named():

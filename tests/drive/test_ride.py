@@ -98,6 +98,15 @@ def test_trails_and_films_show_the_ride(rides, drawn_tiles):
         assert orange.sum() > 20
 
 
+@pytest.mark.parametrize("shape", [(2, 3), (1, 7), (30, 4)])
+def test_the_map_beside_the_camera_fits_a_film_of_any_map(shape):
+    picture = np.full((16 * shape[0], 16 * shape[1], 3), 255, np.uint8)
+    plan, side = rides_module._shrink(picture, shape)
+    assert plan.shape[0] == 480 and plan.shape[1] % 2 == 0 and plan.shape[1] <= 1280
+    assert plan.all(axis=-1).sum(axis=(0, 1)) == pytest.approx(side**2 * shape[0] * shape[1], rel=0.05)
+    assert plan.shape[1] > 1270 or round(side * shape[0]) == 480
+
+
 @pytest.mark.slow
 def test_the_command_writes_a_film_and_refuses_what_is_there(tmp_path, capsys):
     (tmp_path / "city.json").write_text(f'{{"codes": {GRID.tolist()}}}')

@@ -170,7 +170,7 @@ def test_many_directives_are_refused_whatever_comes_first(first):
         ("{[a]: b}", "expected readable YAML, its keys texts, got a list for a key"),
         ("tiles: [[floor]]\ntiles: [[4way]]", "YAML: expected each key once, got tiles twice"),
         ("a: b\n---\na: b", "expected readable YAML of one document, got several"),
-        ("%TAG ! a\n" * 99, "expected readable YAML, got 16 directives and more"),
+        ("%TAG ! a\n" * 16, "expected readable YAML, got 16 directives and more"),
         ("", 'got no "tiles"'),
         ("[" * 100_000, "expected YAML nested up to 64 levels deep, got more"),
         ("- " * 100_000, "expected YAML nested up to 64 levels deep, got more"),

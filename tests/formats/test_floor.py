@@ -136,6 +136,7 @@ def test_objects_stand_on_the_floor_and_face_their_readers():
         place = [float(part) for part in solid.get("pos").split()]
         expected = thing.x * 2 * TILE, (len(TOWN) - thing.y) * 2 * TILE, thing.height
         assert place == pytest.approx(expected, rel=1e-5)
+        assert float(solid.get("euler").split()[2]) == pytest.approx(np.degrees(thing.angle), rel=1e-5)
         half = [float(part) for part in solid.get("size").split()]
         assert (
             half[-1] == place[2] and half[0] == pytest.approx(thing.footprint[0]) and (len(half) == 2) == thing.is_round

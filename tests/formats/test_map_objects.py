@@ -117,8 +117,8 @@ def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
 @pytest.mark.parametrize("kind", ["sign_stop", "trafficlight"])
 def test_objects_as_far_outside_as_they_may_be_are_read_where_they_are_written(kind, tile_size, tmp_path):
     """Metres are rounded to six decimals, and the division by the tile's side rounds too."""
-    places = [(x, y, angle) for x in (-1, 0, 3) for y in (-1, 0, 3) for angle in (0, 1, -2, 3)]
-    far = RoadMap([[6, 3], [12, 9]], objects=[MapObject(kind, *place, 0.18) for place in places])
+    places = [(x, y, angle) for x in (-1, 0, 3) for y in (-1, 0, 4) for angle in (0, 1, -2, 3)]
+    far = RoadMap([[6, 3], [10, 10], [12, 9]], objects=[MapObject(kind, *place, 0.18) for place in places])
     (tmp_path / "map.yaml").write_text(to_duckietown(far.codes, objects=far.objects, tile_size=tile_size))
     layers = {"library": to_dt_maps(far, tile_size=tile_size), "matrix": to_duckiematrix(far, tile_size=tile_size)}
     for folder, texts in layers.items():

@@ -81,7 +81,7 @@ def cells_of(free):
     return graph
 
 
-@pytest.mark.parametrize(("codes", "cells"), [(TOWN, 5), (TOWN, 8), (KNOT, 6)])
+@pytest.mark.parametrize(("codes", "cells"), [(TOWN, 5), (TOWN, 8), (KNOT, 6), ([[6, 3], [12, 9]], 5)])
 def test_the_lengths_of_tasks_are_those_of_shortest_paths(codes, cells):
     grid, tasks = to_movingai(codes, "town.map", cells)
     free, (version, *lines) = read_movingai(grid), tasks.splitlines()
@@ -92,6 +92,7 @@ def test_the_lengths_of_tasks_are_those_of_shortest_paths(codes, cells):
         bucket, name, width, height, *ends, length = line.split("\t")
         assert (name, int(height), int(width)) == ("town.map", *free.shape)
         x, y, goal_x, goal_y = map(int, ends)
+        assert (x, y) != (goal_x, goal_y)
         shortest = nx.dijkstra_path_length(graph, (y, x), (goal_y, goal_x), "length")
         assert float(length) == pytest.approx(shortest, abs=6e-9)
         assert int(bucket) == float(length) // 4

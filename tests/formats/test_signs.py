@@ -88,6 +88,14 @@ def test_signs_are_on_the_road_beside_them_and_street_names_on_the_road_that_the
     assert count > 20
 
 
+def test_a_sign_is_at_the_road_to_the_left_of_its_reader_first():
+    """South of two turns of one road, both as near and as oblique: the eastern one is left of who drives south."""
+    codes = np.array([[6, 7, 3, 6, 3], [14, 13, 15, 11, 10], [12, 5, 9, 12, 9]])
+    sign = MapObject("sign_parking", 3.75, 3.35, np.pi / 2, 0.18)
+    ((signal, _, _, road, _),) = signs_on_roads(to_opendrive(RoadMap(codes, objects=[sign])))
+    assert (road.get("name"), signal.get("orientation")) == ("1_3_south", "-")
+
+
 def test_a_turned_map_has_its_signs_on_the_same_roads():
     random = np.random.default_rng(0)
     kinds = ("sign_stop", "sign_parking", "sign_street_name", "sign_no_left_turn", "sign_T_intersect")

@@ -1,6 +1,7 @@
 """Floors as stages of OpenUSD, by OpenUSD's own validators and readers (make mujoco)."""
 
-from math import cos, sin
+import re
+from math import cos, degrees, sin
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.usd import to_usd
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.exporting import FORMATS
+from elitelanes_jax.tiles.rendering import stand
 
 TILE = 0.6
 # A round object at a corner of the map, one that is turned, and a kind with a colon.
@@ -29,6 +31,17 @@ def test_bad_values_are_named():
     ):
         with pytest.raises(InputError, match=message):
             to_usd(*arguments)
+
+
+def test_objects_have_the_places_angles_and_sides_of_the_map():
+    _, *solids = to_usd(TOWN.shape, "town.png", TILE, stand(OBJECTS)).split("def Cube")
+    for solid, thing in zip(solids, OBJECTS, strict=True):
+        found = dict(re.findall(r"xformOp:(\w+) = \(?([^)\n]*)", solid))
+        place, (turned,), half = ([float(part) for part in found[name].split(",")] for name in found)
+        length, width, height = (side * TILE / 0.585 / 2 for side in (*thing.footprint, thing.height))
+        assert place == pytest.approx([thing.x * TILE, (len(TOWN) - thing.y) * TILE, height], rel=1e-5)
+        assert turned == pytest.approx(degrees(thing.angle), rel=1e-5)
+        assert half == pytest.approx([length, width, height], rel=1e-5)
 
 
 @pytest.fixture

@@ -2,12 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, RoadMap, export
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.maps import FormatOptions, furnish
 from elitelanes_jax.maps.exporting import FORMATS
+from elitelanes_jax.tiles import render
 
 TOWN = furnish(Path(__file__).parents[2] / "docs" / "examples" / "town.json", "signs trees=2 duckies=1")
 SETTINGS = {
@@ -44,6 +46,19 @@ def test_files_are_those_of_the_command(to, tmp_path, monkeypatch):
         assert files.items() <= written.items()
         assert len(written) - len(files) == (2 if to == "scenarionet" else 0)
         assert all(isinstance(content, bytes) for content in files.values())
+
+
+def test_the_picture_of_a_floor_has_sides_that_programs_take(monkeypatch):
+    asked = []
+
+    def draw(road_map, tiles, *, tile_px):
+        asked.append(tile_px)
+        return render(road_map, tiles, tile_px=16)
+
+    monkeypatch.setattr("elitelanes_jax.tiles.rendering.render", draw)
+    for shape in ((2, 2), (2, 40), (40, 2)):
+        export(np.full(shape, 15), "usd")
+    assert asked == [256, 204, 204]
 
 
 @pytest.mark.parametrize("to", ["pufferdrive", "scenarionet"])

@@ -136,6 +136,16 @@ def test_stored_metrics_of_other_codes_are_measured_again(tmp_path, capsys):
         assert err.count("\n") == (4 if stale else 0)
 
 
+def test_a_map_of_a_list_is_named_by_its_index(tmp_path, capsys):
+    ring, ending = {"codes": [[6, 3], [12, 9]]}, {"codes": [[6, 3, 0], [12, 13, 1]]}
+    listed, alone = tmp_path / "list.json", tmp_path / "map.json"
+    for file, content, name in ((listed, [ring, ending], f"map 1, in {listed}"), (alone, ending, alone)):
+        file.write_text(json.dumps(content))
+        with progress.reporting(quiet=False):
+            parse_given(file)
+        assert capsys.readouterr().err.endswith(f"{name}: roads end at 1 tile, the first at row 1, column 2\n")
+
+
 def test_stored_town_features_of_other_codes_are_measured_again(capsys):
     """A change may leave all metrics as they were."""
     ring = np.zeros((3, 6), np.int8)

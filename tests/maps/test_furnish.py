@@ -21,6 +21,7 @@ from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.tags import STREET_NAMES
 from elitelanes_jax.maps import FurnishSpec, furnish
 from elitelanes_jax.maps.furnishing.placing import placed_kinds
+from elitelanes_jax.maps.furnishing.space import Space, make_object
 from elitelanes_jax.maps.furnishing.spec import parse_furnish
 from elitelanes_jax.tiles import default_tiles
 
@@ -307,6 +308,13 @@ def test_tags_are_reused_far_away_or_refused():
     assert min(apart) > 2
     with pytest.raises(InputError, match=re.escape("unique_tags: expected at most 55 of sign_stop")):
         furnish(grid, "signs unique_tags")
+
+
+def test_objects_keep_clear_of_those_in_the_next_cell():
+    space = Space(np.zeros((1, 2), np.int8))
+    left, near, far = (make_object("cone", 1 + x, 0.5, 0.0) for x in (-0.045, 0.045, 0.055))
+    space.add(left)
+    assert not space.is_clear(near) and space.is_clear(far)
 
 
 def test_crossings_without_room_are_refused_or_left_out():

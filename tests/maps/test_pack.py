@@ -19,7 +19,7 @@ from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.maps import PackSpec, exporting, furnish, given, pack, packing
 from elitelanes_jax.maps.exporting import FormatOptions
 from elitelanes_jax.maps.given import parse_given
-from elitelanes_jax.maps.packing import _split, _trips
+from elitelanes_jax.maps.packing import _announce_limits, _split, _trips
 from elitelanes_jax.network import plain_measure, wfc
 from elitelanes_jax.tiles.tileset import default_tiles
 
@@ -158,6 +158,15 @@ def test_signs_of_a_crossing_that_is_removed_are_named(tmp_path, capsys):
     options = ["--split", "1", "0", "0", "--to", "duckietown", "--dead-ends", "grass", "--out", str(tmp_path / "pack")]
     assert main(["pack", str(file), *options]) == 0
     assert f"signed.json: {count} of {count} signs do not fit the crossings" in capsys.readouterr().err
+
+
+def test_the_first_map_with_a_part_that_a_program_cannot_use_is_named(monkeypatch):
+    said, crossing = [], np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]])
+    monkeypatch.setattr("elitelanes_jax.maps.packing.announce_at_end", lambda *words: said.append(words))
+    maps = [RoadMap(codes) for codes in ([[6, 3], [12, 9]], crossing, np.pad(crossing, 1))]
+    _announce_limits(PackSpec(to=("duckiematrix", "sumo")), maps)
+    ((to, words),) = said
+    assert to == "duckiematrix" and words.startswith("2 of 3 maps, the first: ") and "at row 1, column 1;" in words
 
 
 def test_trips_follow_the_lanes_of_the_tile_set(tmp_path):

@@ -3,13 +3,14 @@
 import json
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import PickSpec, Result, evolve, measure, read_map
+from elitelanes_jax import PickSpec, Result, SearchSpec, evolve, measure, read_map
 from elitelanes_jax import pick as pick_maps
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.maps.picking import _resolve_choice, _Source
@@ -109,11 +110,10 @@ def test_ranges_of_ones_own_replace_those_of_the_search(searched):
     assert list(map(str, ranges)) == ["turns=4..", "crossings=1..", "tiles=9.."]
 
 
-@pytest.mark.slow
 def test_axes_of_ones_own_replace_the_targets_of_the_search():
-    result = evolve(0, (6, 6), seeds=1, style="town", generations=0)
-    sources = [_Source("result", result, None)]
-    town = result.search.settings
+    search = resolve(SearchSpec(style="town"), (6, 6))
+    sources = [_Source("result", SimpleNamespace(search=search), None)]
+    town = search.settings
     assert _resolve_choice(PickSpec(), sources).settings.targets == town.targets != ()
     assert _resolve_choice(PickSpec(axes="turns:5"), sources).settings.targets == ()
 

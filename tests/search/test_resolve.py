@@ -1,13 +1,16 @@
 """A search is resolved and checked once for each command and size; and what is resolved says all that follows."""
 
+from dataclasses import replace
+
 import pytest
 
 from elitelanes_jax import InputError, SearchSpec
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.maps import planning
+from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search import evolution
 from elitelanes_jax.search import resolve as module
-from elitelanes_jax.search.resolve import has_other_alphabet, resolve
+from elitelanes_jax.search.resolve import has_other_alphabet, resolve, with_ranges
 
 SEARCH = "--method ea --preset paper --generations 2 --seeds 2 --at-most --quiet"
 
@@ -67,6 +70,15 @@ def test_a_search_draws_from_the_alphabet_of_the_tiles_unless_the_user_names_one
     turns = (3, 5, 6, 9, 10, 12)
     assert resolve(SearchSpec(), (5, 5), turns).alphabet == turns
     assert resolve(SearchSpec(alphabet=[3, 6, 9, 12]), (5, 5), turns).alphabet == (3, 6, 9, 12)
+
+
+def test_more_ranges_leave_the_niches_of_the_elites():
+    """A file may have other axes than its preset has in this version."""
+    search = resolve(SearchSpec(where="turns=1.. tiles=2.."), (6, 6))
+    search = replace(search, axes=search.axes[:1])
+    ranged = with_ranges(search, parse_ranges("turns=3.. bridges=0"))
+    assert ranged.axes == search.axes
+    assert list(map(str, ranged.ranges)) == ["turns=3..", "tiles=2..", "bridges=0"]
 
 
 def test_room_for_maps_is_less_than_room_for_grids():

@@ -17,7 +17,9 @@ from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, AnnealingConfig, EvolutionConfig, MapElitesConfig
 from elitelanes_jax.optimizers.presets import config_from_plain, config_to_plain, find_preset
+from elitelanes_jax.search.elites import check_metrics
 from elitelanes_jax.search.resolve import plain_spec, search_from_plain
+from elitelanes_jax.search.result import History
 
 SHAPE = (5, 6)
 KEYS = jax.random.split(jax.random.key(3), 3)
@@ -235,6 +237,22 @@ def test_a_file_that_is_no_result_is_refused_in_one_line(result, tmp_path, chang
     ) as caught:
         Result.load(file)
     assert "\n" not in str(caught.value)
+
+
+def test_the_seconds_of_a_continued_run_are_those_of_its_own_generations():
+    counts = np.zeros((2, 2), np.int32)
+    history = History(np.array([3, 4]), np.array([30, 40]), counts, counts, np.array([5.0, 10.0]), counts)
+    assert history.seconds == pytest.approx(2 * 10 / 5 + 2 * 10 / 10)
+
+
+def test_each_grid_is_checked(result, monkeypatch):
+    monkeypatch.setattr("elitelanes_jax.search.elites._CHECKED_AT_ONCE", 2)
+    check_metrics(result.elites)
+    for place in np.argwhere(result.elites.valid)[:5].tolist():
+        grids = np.array(result.elites.grids)
+        grids[*place] ^= 15
+        with pytest.raises(InputError, match="^expected metrics of its grids, got "):
+            check_metrics(result.elites._replace(grids=grids))
 
 
 def test_grids_that_were_changed_are_refused(result, tmp_path):

@@ -15,6 +15,7 @@ from oracle import measure as oracle
 
 from elitelanes_jax import Axis, GenerateSpec, InputError, Optimizer, SearchSpec, Weights, ea, fitness
 from elitelanes_jax.optimizers import PRESETS, EvolutionConfig, Info, MapElitesConfig, seed_keys
+from elitelanes_jax.search.evolution import _check_memory
 from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.search.result import RunState
 from elitelanes_jax.search.settings import METHODS
@@ -399,3 +400,7 @@ def test_a_search_that_cannot_fit_is_refused_before_it_is_compiled(monkeypatch):
     monkeypatch.setattr("elitelanes_jax.search.evolution.free_memory", lambda: 200_000_010)
     with pytest.raises(MemoryError, match="smaller maps or fewer niches would fit$"):
         evolve(0, (6, 7), seeds=40, generations=1)
+    # A step has the states before and after it.
+    _check_memory(5, 5, (6, 7))
+    with pytest.raises(MemoryError, match="5 seeds of 6 x 7 .*; 4 seeds at most would fit$"):
+        _check_memory(6, 5, (6, 7))

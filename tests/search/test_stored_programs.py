@@ -319,6 +319,8 @@ def test_files_used_least_recently_are_removed(tmp_path, monkeypatch):
     assert load(files[1]) == StoredPrograms({}, {"program": bytes(900)})  # it is used: the other one is older now
     save(files[3], StoredPrograms({}, {"program": bytes(900)}))
     assert [file.exists() for file in files] == [False, True, False, True]
+    save(files[0], StoredPrograms({}, {"program": bytes(2600)}))  # the last one stays, however large it is
+    assert [file.exists() for file in files] == [True, False, False, False]
 
 
 @pytest.mark.filterwarnings("ignore:Error writing persistent compilation cache")

@@ -236,6 +236,8 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
                 search(SearchSpec(**options))
     with pytest.raises(InputError, match="^like: where 'box_fill="):
         evolve(0, like=[RING], rules=None)
+    with pytest.raises(InputError, match="^like: where 'box_fill="):
+        evolve(0, like=[RING], rules=None, style=Style("full", {"where": "box_fill=1"}))
     with pytest.raises(InputError, match="^where 'box_fill=..0.9'"):
         evolve(0, like=[RING], rules=None, where="box_fill=..0.9")
 

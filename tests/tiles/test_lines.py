@@ -64,6 +64,14 @@ def test_mirrored_crossings_have_their_stop_lines_on_the_wrong_lane(drawn_tiles)
         assert "expected" in found and "mirrored" not in found
 
 
+@pytest.mark.parametrize(("eighth", "wrong"), [(5, {"red"}), (7, set())])
+def test_the_line_of_the_next_side_may_begin_at_the_end_of_the_outgoing_lane(eighth, wrong, drawn_tiles):
+    tile = own(drawn_tiles, "crossing4_1")
+    red, columns = tile.red.copy(), np.flatnonzero(tile.road[0])
+    red[: len(red) // 20, np.array_split(columns, 8)[eighth]] = True
+    assert faults(drawn_tiles, "crossing4_1", red=red) == wrong
+
+
 def test_a_road_is_in_the_middle_and_in_one_piece(drawn_tiles):
     tile = own(drawn_tiles, "straight_1")
     assert "road" in faults(drawn_tiles, "straight_1", road=np.roll(tile.road, 20, axis=1))

@@ -10,6 +10,7 @@ from folders import read_picture
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
 from elitelanes_jax.tiles import default_objects, draw_tag, load_objects, render
+from elitelanes_jax.tiles.pasting import Placed, paste
 from experiments.perception.draw_objects import draw_all
 
 TOWN = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
@@ -30,6 +31,13 @@ def test_the_drawn_set_has_all_kinds_in_their_sizes():
             wide = abs(np.sin(turned)) * usual.length + abs(np.cos(turned)) * usual.width
             wide = usual.length if usual.is_round else wide
             assert columns / rows == pytest.approx(wide / usual.height, abs=2 / rows)
+
+
+def test_a_picture_that_is_smaller_than_a_pixel_is_visible_in_whole():
+    """At the edge, where its area is rounded to no pixel."""
+    speck = Placed(np.full((1, 1, 4), 255, np.uint8), np.array([[0.6, 0, -0.05], [0, 0.6, 0.2], [0, 0, 1]]))
+    owners, (seen,) = paste(np.zeros((2, 2, 3), np.uint8), [speck])
+    assert owners.tolist() == [[1, 0], [0, 0]] and seen.visible == 1
 
 
 @pytest.mark.skipif(int(cv2.__version__.split(".")[0]) < 5, reason="OpenCV 4 smooths edges in another way")

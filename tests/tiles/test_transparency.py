@@ -1,6 +1,7 @@
 """Pictures and masks with transparency, in every form that PNG has for it, written by Pillow."""
 
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from elitelanes_jax.tiles import (
     mask_folder,
 )
 from elitelanes_jax.tiles.files import GROUND, read_image
+from elitelanes_jax.tiles.rendering import show_paved
 from elitelanes_jax.tiles.tileset import MASKS
 
 TOWN = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
@@ -184,7 +186,8 @@ def test_a_transparent_pixel_of_a_picture_is_ground(blend, folder, cut, plain):
         np.testing.assert_array_equal(getattr(tile, name), getattr(plain.tiles[0], name) & ~cut)
     assert (plain.tiles[0].road & cut).any()
     assert (tile.opaque == ~cut).all() and tile.transparent == {"image": pytest.approx(cut.mean())}
-    assert tiles.digest != plain.digest
+    painted = replace(tiles, tiles=(tile._replace(opaque=None), *tiles.tiles[1:]))
+    assert len({tiles.digest, plain.digest, painted.digest}) == 3
 
     chosen = choose_tiles(TOWN, tiles)
     picture = render(TOWN, tiles, tile_px=96, chosen=chosen)
@@ -196,6 +199,16 @@ def test_a_transparent_pixel_of_a_picture_is_ground(blend, folder, cut, plain):
     assert not (small.image == (255, 0, 255)).all(axis=-1).any()
     inside = cv2.erode(cv2.resize(clear.astype(np.uint8), (48, 48), interpolation=cv2.INTER_AREA), np.ones((3, 3)))
     assert (small.image[inside > 0] == GROUND).all() and inside.any()
+
+
+def test_thin_lines_hide_the_ground_at_every_size(plain):
+    """More than half of a pixel may be transparent beside a line that stays."""
+    tapes = [tile._replace(road=tile.yellow, opaque=tile.yellow) for tile in plain.tiles]
+    tiles = replace(plain, blend=True, tiles=tuple(tapes))
+    chosen = choose_tiles(TOWN, tiles)
+    picture = render(TOWN, tiles, tile_px=16, chosen=chosen)
+    beside_ground = (picture.labels > 0) & ~show_paved(tiles, chosen, 16)
+    assert beside_ground.any() and not (picture.image[beside_ground] == GROUND).all(axis=-1).any()
 
 
 def test_patterns_of_the_background_show_through(folder, cut):
@@ -223,6 +236,7 @@ def test_a_half_transparent_pixel_is_mixed_with_the_ground(tmp_path):
 def test_proposals_leave_transparent_pixels_out(folder, cut):
     for mask in folder.glob("*/r*.png"):
         mask.unlink()
+    cv2.imwrite(str(folder / "turn_1/yellow.png"), np.full((96, 96), 255, np.uint8))
     for proposal in mask_folder(folder):
         clear = cut if proposal.folder.name == "turn_1" else np.zeros_like(cut)
         assert not any(mask[clear].any() for mask in proposal.masks.values())
