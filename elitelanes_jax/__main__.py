@@ -8,6 +8,7 @@ import gc
 import os
 import signal
 import sys
+from contextlib import suppress
 
 
 def run() -> None:
@@ -17,7 +18,7 @@ def run() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             # This holds until `leave` has its own handlers.
-            signal.signal(number, lambda *_: os._exit(130))
+            signal.signal(number, _stop)
     # Most objects made while modules load and JAX traces are kept. Looking for garbage took a fifth
     # of that time. The modules have some 200,000 objects.
     gc.set_threshold(400_000)
@@ -29,10 +30,24 @@ def run() -> None:
     leave(_main)
 
 
-def _main() -> int:
-    from elitelanes_jax.cli.main import main
+def _stop(*_: object) -> None:
+    """Ends the program, which has only loaded modules so far."""
+    with suppress(OSError):
+        # Standard error may be closed. It is not buffered here, as `os._exit` flushes nothing.
+        os.write(2, b"elitelanes: interrupted\n")
+    os._exit(130)
 
-    return main(sys.argv[1:])
+
+def _main() -> int:
+    from elitelanes_jax.cli.program import INTERRUPTED, fail
+
+    try:
+        from elitelanes_jax.cli.main import main
+
+        return main(sys.argv[1:])
+    except KeyboardInterrupt:
+        # No command ran at that moment. A command says what an interruption leaves.
+        return fail("elitelanes", "interrupted", INTERRUPTED)
 
 
 if __name__ == "__main__":

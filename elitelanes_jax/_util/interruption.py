@@ -19,9 +19,9 @@ def catch_interrupts() -> Iterator[None]:
     """Makes SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block.
 
     Signals that are ignored stay ignored. While the exception is handled, another signal raises
-    nothing, so that cleanup can finish. While a module loads, a signal raises nothing, because
-    native modules crash; `raise_if_interrupted` raises it later. If Python drops the exception,
-    nothing is printed.
+    nothing, so that cleanup can finish. A signal that comes while modules load raises the exception
+    when they are loaded, because native modules crash. If Python drops the exception, nothing is
+    printed, and `raise_if_interrupted` raises it again.
     """
     global _interrupted
     _interrupted = False
@@ -44,6 +44,8 @@ def catch_interrupts() -> Iterator[None]:
         for number, handler in before.items():
             signal.signal(number, handler)
         sys.unraisablehook = hook
+        if sys.getprofile() is _raise_when_loaded:
+            sys.setprofile(None)
         _interrupted = False
 
 
@@ -68,15 +70,29 @@ def raise_if_interrupted() -> None:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     global _interrupted
     _interrupted = True
-    # The flag is set in any case, so that a signal during an import is not lost.
-    if not _is_loading(frame):
+    if _is_loading(frame):
+        # Python calls a profiler at the end of each function, and so at the end of the import.
+        sys.setprofile(_raise_when_loaded)
+    else:
+        raise_if_interrupted()
+
+
+def _raise_when_loaded(frame: FrameType, event: str, argument: object) -> None:
+    """Raises `KeyboardInterrupt` at the end of the outermost import."""
+    if event == "return" and _imports(frame) and not _is_loading(frame.f_back):
+        sys.setprofile(None)
         raise_if_interrupted()
 
 
 def _is_loading(frame: FrameType | None) -> bool:
-    while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
+    """Returns whether a frame, or one that it returns to, imports a module."""
+    while frame is not None and not _imports(frame):
         frame = frame.f_back
     return frame is not None
+
+
+def _imports(frame: FrameType) -> bool:
+    return frame.f_code.co_filename == "<frozen importlib._bootstrap>"
 
 
 def _is_handled() -> bool:

@@ -220,7 +220,7 @@ def test_a_run_that_is_told_to_end_leaves_nothing(name, loads, later, tmp_path):
         finally:
             process.kill()
     assert process.returncode == 130
-    assert said == "elitelanes: interrupted; nothing was written\n" or (loads and not said)
+    assert said == "elitelanes: interrupted; nothing was written\n" or (loads and said == "elitelanes: interrupted\n")
     assert not list(tmp_path.iterdir())
 
 
@@ -235,6 +235,23 @@ def test_a_signal_after_the_work_prints_nothing():
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stderr) == (130, "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_a_signal_while_modules_load_is_heard_when_they_are_loaded(tmp_path, monkeypatch):
+    """Commands that count no steps, such as drive, ignored it."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "outer_module.py").write_text("import inner_module\nlast = [1].count(1)\n")
+    (tmp_path / "inner_module.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\nlast = len('a')\n")
+    reached = []
+    with catch_interrupts():
+        with pytest.raises(KeyboardInterrupt):
+            import outer_module
+
+            reached.append(outer_module)
+        assert sys.getprofile() is None
+    loaded = [sys.modules.pop(name) for name in ("outer_module", "inner_module")]
+    assert [module.last for module in loaded] == [1, 1] and not reached
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
