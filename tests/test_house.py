@@ -7,6 +7,8 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+import grimp
+import networkx as nx
 import pytest
 from pages import READERS, programs
 
@@ -49,6 +51,18 @@ def test_private_modules_are_imported_by_their_own_room_alone():
             room, _, name = module.rpartition(".")
             shared = room == PACKAGE.name  # helpers of all rooms
             assert not name.startswith("_") or shared or user.startswith(room), f"{user} imports {module}"
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    """Imports in functions count. The contracts hold the order of the rooms."""
+    imports = grimp.build_graph("elitelanes_jax", exclude_type_checking_imports=True, cache_dir=None)
+    graph = nx.DiGraph(
+        (module, imported)
+        for module in imports.modules
+        for imported in imports.find_modules_directly_imported_by(module)
+    )
+    assert graph.number_of_edges() > 1000
+    assert not [circle for circle in nx.strongly_connected_components(graph) if len(circle) > 1]
 
 
 def test_readers_are_shown_public_names_alone():

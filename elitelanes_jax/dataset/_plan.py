@@ -17,11 +17,11 @@ from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, start_thread
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.search.evolution import compile_search, evolve_search
 from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
 from elitelanes_jax.search.parts import evolve_each
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
+from elitelanes_jax.search.running import compile_search, evolve_search
 from elitelanes_jax.search.selection import MIN_DIFFERENCE
 
 # The seeds that a round evolves. A round returns a part of their maps, because maps of one seed are

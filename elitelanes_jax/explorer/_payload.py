@@ -14,9 +14,10 @@ from elitelanes_jax._util.types import AnyArray, Plain
 from elitelanes_jax.explorer._shown import ShownRun
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
-from elitelanes_jax.formats.plan import LONGEST_PLAN, REFERENCE, TAPE_WIDTHS, tapes_of
+from elitelanes_jax.formats.plan import LONGEST_PLAN
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.tags import SIGN_TAGS, STREETS
+from elitelanes_jax.formats.tapes import REFERENCE, TAPE_WIDTHS, tapes_of
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import COMPARED_PX, png_of, recall_choice, scale_tiles
@@ -90,7 +91,7 @@ class _Blob:
         return zlib.compress(b"".join(self._parts), 9)
 
 
-def pack(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: str) -> Payload:
+def make_payload(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: str) -> Payload:
     blob = _Blob()
     # A map of this size needs a random number for each of its cells.
     cells = max(run.grids[0].size for run in runs)

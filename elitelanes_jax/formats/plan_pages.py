@@ -11,7 +11,7 @@ from itertools import groupby
 from math import cos, degrees, sin
 from pathlib import Path
 from textwrap import wrap
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
@@ -19,7 +19,10 @@ from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, tapes_of
+from elitelanes_jax.formats.tapes import REFERENCE, TAPE_WIDTHS, tapes_of
+
+if TYPE_CHECKING:
+    from elitelanes_jax.formats.plan import Plan
 
 # Lengths on pages are in millimetres.
 # These are the sizes of a page, its margin, and the height of a line.
@@ -48,7 +51,7 @@ _DEGREE = "\N{DEGREE SIGN}"
 _OBJECTS, _ARROWS, _NUMBERS = 4, 5, 6
 
 
-def write_plan(plan: Plan, file: str | Path) -> None:
+def write_plan(plan: "Plan", file: str | Path) -> None:
     """Draws a plan, as `Plan.save` says."""
     target = check_named("file", path, file)
     write_atomic(target, _draw_plan(plan, plan_kind(target)))
@@ -64,7 +67,7 @@ def plan_kind(file: Path) -> str:
     return kind
 
 
-def _draw_plan(plan: Plan, kind: str) -> bytes:
+def _draw_plan(plan: "Plan", kind: str) -> bytes:
     """Returns the content of a file of the plan.
 
     A ``.pdf`` has all pages, and a ``.svg`` or ``.png`` the first one. It is made in memory,
@@ -122,7 +125,7 @@ class _MapLayout(NamedTuple):
     legend_top: float
 
 
-def _map_page(plan: Plan) -> Untyped:
+def _map_page(plan: "Plan") -> Untyped:
     """Draws the map with its measures, the bill of materials and a legend.
 
     The page is A4 or a larger sheet.
@@ -140,7 +143,7 @@ def _map_page(plan: Plan) -> Untyped:
     return page
 
 
-def _arrange_map(plan: Plan, bill: list[list[str]]) -> _MapLayout:
+def _arrange_map(plan: "Plan", bill: list[list[str]]) -> _MapLayout:
     """Chooses the largest tiles that fit A4, within limits.
 
     The sheet grows if the smallest tiles do not fit.
@@ -171,7 +174,7 @@ def _arrange_map(plan: Plan, bill: list[list[str]]) -> _MapLayout:
     )
 
 
-def _room_beyond(plan: Plan) -> float:
+def _room_beyond(plan: "Plan") -> float:
     """Returns the room in tiles that a map needs around it for the objects beyond it."""
     if not plan.objects:
         return 0.0
@@ -184,7 +187,7 @@ def _room_beyond(plan: Plan) -> float:
     return room
 
 
-def _draw_legend(ax: Untyped, plan: Plan, left: float, top: float) -> None:
+def _draw_legend(ax: Untyped, plan: "Plan", left: float, top: float) -> None:
     """Draws a tile of each kind, and says how angles are counted."""
     pitch = _SAMPLE + _BETWEEN_SAMPLES
     samples = [(kind, 0, left + index * pitch, top) for index, kind in enumerate(REFERENCE)]
@@ -196,7 +199,7 @@ def _draw_legend(ax: Untyped, plan: Plan, left: float, top: float) -> None:
     _write(ax, x, y, words, va="center", color=_FAINT)
 
 
-def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float, edge: float) -> None:
+def _draw_map(ax: Untyped, plan: "Plan", left: float, top: float, tile: float, edge: float) -> None:
     rows, columns = plan.shape
     right, bottom = left + columns * tile, top + rows * tile
     ax.fill(
@@ -340,7 +343,7 @@ def _colour_of(item: MapObject) -> str:
     return _OTHER_OBJECT
 
 
-def _bill(plan: Plan) -> list[list[str]]:
+def _bill(plan: "Plan") -> list[list[str]]:
     """Returns the columns of the bill of materials: tiles, tape, and objects if there are any."""
     tiles = ["Tiles"]
     for kind in REFERENCE:
@@ -357,7 +360,7 @@ def _bill(plan: Plan) -> list[list[str]]:
     return columns
 
 
-def _bill_of_objects(plan: Plan) -> list[str]:
+def _bill_of_objects(plan: "Plan") -> list[str]:
     lines = ["Signs and objects"]
     counts = Counter(item.kind for item in plan.objects)
     for kind in sorted(counts):
@@ -372,7 +375,7 @@ def _bill_of_objects(plan: Plan) -> list[str]:
     return lines
 
 
-def _list_pages(plan: Plan) -> Iterator[Untyped]:
+def _list_pages(plan: "Plan") -> Iterator[Untyped]:
     """Draws the check-list on A4."""
     lines = _check_list(plan)
     # Lines are cut into columns, and columns into pages.
@@ -383,7 +386,7 @@ def _list_pages(plan: Plan) -> Iterator[Untyped]:
         yield page
 
 
-def _check_list(plan: Plan) -> list[str]:
+def _check_list(plan: "Plan") -> list[str]:
     """Returns the lines of the check-list.
 
     They list tiles to tape by kind, tiles to lay by row, and objects to place by number.

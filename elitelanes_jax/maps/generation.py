@@ -23,11 +23,11 @@ from elitelanes_jax.maps.choosing import choose_enough, describe_archive, descri
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
 from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.search.evolution import evolve_search
 from elitelanes_jax.search.keys import keys_of_seeds
 from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
+from elitelanes_jax.search.running import evolve_search
 
 # The seconds between two checkpoints, and the seconds of the shortest search whose checkpoint is
 # kept while maps are drawn.

@@ -17,11 +17,11 @@ from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.search._user_functions import Extensions
 from elitelanes_jax.search.compile_cache import use_compile_cache
-from elitelanes_jax.search.evolution import evolve_search
 from elitelanes_jax.search.joining import join_parts_of_run, without_state
 from elitelanes_jax.search.keys import SearchKeys
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
+from elitelanes_jax.search.running import evolve_search
 
 # A core advances up to 32 seeds together, and a worker compiles for seconds: parts with fewer seeds
 # do not pay.

@@ -12,7 +12,7 @@ from hypothesis import given
 
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.formats import make_plan, plan_pages, without_dead_ends
-from elitelanes_jax.formats.plan import REFERENCE, tapes_of
+from elitelanes_jax.formats.tapes import REFERENCE, tapes_of
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, SIDES, rotate_codes
 from elitelanes_jax.network.plain_metrics import plain_measure

@@ -15,9 +15,9 @@ from oracle import measure as oracle
 
 from elitelanes_jax import Axis, GenerateSpec, InputError, Optimizer, SearchSpec, Weights, ea, fitness
 from elitelanes_jax.optimizers import PRESETS, EvolutionConfig, Info, MapElitesConfig, seed_keys
-from elitelanes_jax.search.evolution import _check_memory
 from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.search.result import RunState
+from elitelanes_jax.search.running import _check_memory
 from elitelanes_jax.search.settings import METHODS
 
 SHAPE = (5, 6)
@@ -390,14 +390,14 @@ def test_a_state_of_another_run_is_refused():
 
 
 def test_a_search_that_cannot_fit_is_refused_before_it_is_compiled(monkeypatch):
-    monkeypatch.setattr("elitelanes_jax.search.evolution.free_memory", lambda: 202_000_000)
-    monkeypatch.setattr("elitelanes_jax.search.evolution._advance", None)
+    monkeypatch.setattr("elitelanes_jax.search.running.free_memory", lambda: 202_000_000)
+    monkeypatch.setattr("elitelanes_jax.search.running._advance", None)
     took = (
         r"not enough memory: 40 seeds of 6 x 7 tiles take 0\.2 GB or more, and 0\.2 GB are free; [0-9]+ seeds? at most"
     )
     with pytest.raises(MemoryError, match=f"{took} would fit$"):
         evolve(0, (6, 7), seeds=40, generations=1)
-    monkeypatch.setattr("elitelanes_jax.search.evolution.free_memory", lambda: 200_000_010)
+    monkeypatch.setattr("elitelanes_jax.search.running.free_memory", lambda: 200_000_010)
     with pytest.raises(MemoryError, match="smaller maps or fewer niches would fit$"):
         evolve(0, (6, 7), seeds=40, generations=1)
     # A step has the states before and after it.

@@ -26,9 +26,10 @@ from elitelanes_jax.search import _compiling, _programs, _stored_programs
 from elitelanes_jax.search._programs import ProgramKey, Programs
 from elitelanes_jax.search._setup import make_setup
 from elitelanes_jax.search._stored_programs import StoredPrograms, find_file, find_folder, load, save
-from elitelanes_jax.search.evolution import compile_search, evolve
+from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.keys import keys_of_seeds
 from elitelanes_jax.search.resolve import resolve
+from elitelanes_jax.search.running import compile_search
 from elitelanes_jax.search.spec import SearchSpec
 
 SHAPE = (4, 5)
