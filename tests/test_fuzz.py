@@ -20,7 +20,7 @@ from hypothesis import seed as hypothesis_seed
 from hypothesis import strategies as st
 
 from elitelanes_jax import InputError, Result, RoadMap, read_map
-from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.npz import npz_bytes, read_npz
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
@@ -35,7 +35,7 @@ YAML = to_duckietown(CODES).encode() + b"objects: {a: {kind: duckie, pos: [1, 2]
 TOML = b'name = "a"\nlicence = "b"\nblend = false\n'
 MASK = png_of(np.full((9, 8), [0, 255] * 4, np.uint8))
 ARRAYS = {"grids": CODES[None, None], "fitness": np.zeros((1, 1), np.int32)}
-ARCHIVE = pack(ARRAYS, {"axes": [], "search": {}, "seed": 1})
+ARCHIVE = npz_bytes(ARRAYS, {"axes": [], "search": {}, "seed": 1})
 SECONDS, BYTES = 5, 2**30
 
 
@@ -63,7 +63,7 @@ READERS = {
     "tileset.toml": (tileset, TOML, ["a.a.", "[[", "]]", "{", "}", "=", '"""', "inf", "1979-05-27", "0x", "9" * 5000]),
     "mask.png": (listed(read_mask), MASK, ["IDAT", "IEND", "PLTE", "tRNS"]),
     "archive.npz": (Result.load, ARCHIVE, ["PK\x03\x04", "PK\x01\x02", "(9999999999,)", "|O"]),
-    "result.npz": (unpack, ARCHIVE, ["PK\x03\x04", "PK\x05\x06", "'descr'", "(99999999999999999999,)", "O8"]),
+    "result.npz": (read_npz, ARCHIVE, ["PK\x03\x04", "PK\x05\x06", "'descr'", "(99999999999999999999,)", "O8"]),
 }
 
 

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, read_map
-from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.npz import npz_bytes, read_npz
 from elitelanes_jax.benchmark import BUDGETS, Submission, find_task
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
@@ -41,8 +41,8 @@ def test_pictures_that_cannot_be_read_are_refused_before_any_search(settings, me
 def test_archives_that_are_all_but_vacant_are_read(tmp_path):
     """Vacant places of an archive take no room in its file: they shrink to a thousandth."""
     grids = np.zeros((4, 2**20, 12, 12), np.int8)
-    (tmp_path / "archive.npz").write_bytes(pack({"grids": grids}, None))
-    assert unpack(tmp_path / "archive.npz")[1]["grids"].shape == grids.shape
+    (tmp_path / "archive.npz").write_bytes(npz_bytes({"grids": grids}, None))
+    assert read_npz(tmp_path / "archive.npz")[1]["grids"].shape == grids.shape
 
 
 @pytest.mark.slow

@@ -179,7 +179,7 @@ def none_or(check: Callable[..., UserValue]) -> Callable[..., UserValue]:
     return check_unless_none
 
 
-def name(value: UserValue) -> str:
+def nonblank(value: UserValue) -> str:
     """Checks for a text that is not blank."""
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"expected a name, got {shorten(repr(value))}")
@@ -191,7 +191,7 @@ def text_name(value: UserValue) -> str:
 
     The name of a file may have bytes that are not UTF-8.
     """
-    text = name(value)
+    text = nonblank(value)
     try:
         text.encode()
     except UnicodeEncodeError:
@@ -201,7 +201,7 @@ def text_name(value: UserValue) -> str:
 
 def xml_name(value: UserValue) -> str:
     """Checks for a text that is not blank, of characters that XML 1.0 allows (section 2.2)."""
-    if re.search(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name(value)):
+    if re.search(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", nonblank(value)):
         raise InputError(
             f"expected a name without control characters, as in XML, got {shorten(repr(value))}"
         )
@@ -213,7 +213,7 @@ def path(value: UserValue) -> Path:
     # For these characters the system would raise a `ValueError`, which is no `OSError`.
     if "\0" in str(value) or not _has_bytes(str(value)):
         raise InputError(f"expected a path, got {shorten(repr(str(value)))}")
-    return value if isinstance(value, Path) else Path(name(value))
+    return value if isinstance(value, Path) else Path(nonblank(value))
 
 
 def _has_bytes(text: str) -> bool:

@@ -34,7 +34,7 @@ _DAMAGES = (
 )
 
 
-def pack(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
+def npz_bytes(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
     """Packs arrays of numbers or texts, and values for JSON. Equal content gives equal bytes."""
     stream = BytesIO()
     # JSON as an array of text needs no pickle. NumPy gives all members the same date, so that equal
@@ -43,7 +43,7 @@ def pack(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
     return stream.getvalue()
 
 
-def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
+def read_npz(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
     """Returns the JSON values of a file, or None, and its arrays by name.
 
     Raises `InputError` if the file cannot be read.

@@ -20,7 +20,7 @@ from elitelanes_jax.benchmark.measuring import Measured, measure_grids
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission
 from elitelanes_jax.benchmark.tasks import BUDGETS, Task, find_task
 
-Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
+SearchFunction = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
 """A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
 
 # Stands for the batch of a search that has ended.
@@ -28,7 +28,9 @@ _ENDED = object()
 
 
 @name_wrong_arguments
-def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
+def run(
+    task: Task | str, search: SearchFunction, seeds: int | Iterable[int] = LEAST_RUNS
+) -> Submission:
     """Runs a search once for each seed, and keeps the best grid of each niche at every budget.
 
     The best grid has the fewest flaws, and among these the lowest fitness. The first of equal grids
@@ -36,7 +38,7 @@ def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUN
 
     Args:
       task: the task to run, or its name.
-      search: a generator function; see `Search`. It is stopped when the task's evaluations are
+      search: a generator function; see `SearchFunction`. It is stopped when the task's evaluations are
         spent. If a batch exceeds a budget, only its first grids count for this budget.
       seeds: their number, or the seeds of NumPy's generators. A submission needs 10 or more.
 

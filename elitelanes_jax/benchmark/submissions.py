@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, file_named, instance, unmasked
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic
-from elitelanes_jax._util.npz import unpack
+from elitelanes_jax._util.npz import read_npz
 from elitelanes_jax.benchmark.measuring import Measured, measure_grids
 from elitelanes_jax.benchmark.scores import Scores, compute_scores, grade
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
@@ -58,7 +58,7 @@ class Submission(NamedTuple):
 
         Raises `InputError` for another file, version or task, or grids that do not fit the task.
         """
-        _, stored = unpack(file)
+        _, stored = read_npz(file)
         names = ("version", "task", "grids")
         present = [name for name in names if name in stored]
         if len(present) < len(names):

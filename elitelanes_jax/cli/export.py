@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int8
 
-from elitelanes_jax._util.checks import ends_as_file, name, path
+from elitelanes_jax._util.checks import ends_as_file, nonblank, path
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.files import never_replacing, write_atomic
 from elitelanes_jax._util.folders import output_folder
@@ -58,7 +58,7 @@ def add_export(commands: Commands) -> None:
     )
     command.add_argument(
         "--to",
-        type=checked_by(name),
+        type=checked_by(nonblank),
         required=True,
         metavar="FORMAT",
         help=", ".join((*FORMATS, _TABLE)),

@@ -4,7 +4,7 @@ import argparse
 from itertools import zip_longest
 from textwrap import wrap
 
-from elitelanes_jax._util.checks import name
+from elitelanes_jax._util.checks import nonblank
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by
 from elitelanes_jax.cli.program import say
 
@@ -28,7 +28,7 @@ def add_metrics(commands: Commands) -> None:
         "both ends of its range.",
     )
     command.add_argument(
-        "name", nargs="?", type=checked_by(name), metavar="NAME", help="what to show"
+        "name", nargs="?", type=checked_by(nonblank), metavar="NAME", help="what to show"
     )
 
 

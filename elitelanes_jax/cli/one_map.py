@@ -5,7 +5,7 @@ import sys
 import textwrap
 from dataclasses import replace
 
-from elitelanes_jax._util.checks import SEED, check_named, file_named, name, one_of, path, real
+from elitelanes_jax._util.checks import SEED, check_named, file_named, nonblank, one_of, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, never_replacing
 from elitelanes_jax._util.folders import output_folder
@@ -214,7 +214,7 @@ def add_furnish(commands: Commands) -> None:
     add_shared(command, "map")
     command.add_argument(
         "furnish",
-        type=checked_by(name),
+        type=checked_by(nonblank),
         nargs="+",
         metavar="WHAT",
         help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of "

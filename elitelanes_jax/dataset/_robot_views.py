@@ -153,7 +153,7 @@ def draw_viewpoint(
     to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
     # The ground has height 0, and the camera is ahead of the robot's middle.
     onto_ground = np.array([[1, 0, -viewpoints.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
-    matrix = project(camera, size) @ onto_ground @ to_robot
+    matrix = camera_matrix(camera, size) @ onto_ground @ to_robot
     return Viewpoint(matrix, size, sky, tile_px, lines, about)
 
 
@@ -360,7 +360,7 @@ def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
     )
 
 
-def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray, "3 4"]:
+def camera_matrix(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray, "3 4"]:
     """Returns the matrix from positions relative to a camera to points of its picture.
 
     The positions are in metres ahead of the camera, to the left, and above the ground. The camera
@@ -395,7 +395,7 @@ class _Standing(NamedTuple):
     distance: float
 
 
-def stand(
+def place_objects(
     objects: Sequence[MapObject],
     pictures: Sequence[ObjectPictures],
     viewpoint: Viewpoint,
@@ -443,7 +443,7 @@ def stand(
                     [0, 0, 1],
                 ]
             )
-            placed = Placed(pixels, project(camera, viewpoint.size) @ position)
+            placed = Placed(pixels, camera_matrix(camera, viewpoint.size) @ position)
             standing.append(_Standing(ahead, index, placed, distance))
     # Distant pictures come first, so that nearer ones cover them. The index decides between equal
     # depths.

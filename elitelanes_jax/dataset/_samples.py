@@ -14,9 +14,9 @@ from elitelanes_jax.dataset._robot_views import (
     Viewpoint,
     draw_viewpoint,
     find_rays,
+    place_objects,
     see,
     see_labels,
-    stand,
 )
 from elitelanes_jax.dataset._tiled_maps import TiledMap, can_tile, see_tiled_labels
 from elitelanes_jax.dataset._transforms import Transforms, Viewpoints
@@ -27,7 +27,7 @@ from elitelanes_jax.dataset._variation import (
     vary_light,
     vary_motion,
 )
-from elitelanes_jax.dataset._views import View, draw_numbers, draw_view, photograph, warp
+from elitelanes_jax.dataset._views import DrawnTransform, draw_numbers, draw_view, photograph, warp
 from elitelanes_jax.formats.objects import NEAR, MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.files import GROUND
@@ -179,7 +179,7 @@ class _Shot(NamedTuple):
     """
 
     ground: _Ground
-    view: View
+    view: DrawnTransform
     about: dict[str, Plain]
     placed: list[Placed]
     order: list[int]
@@ -222,7 +222,7 @@ def _see_from_robot(
     )
     # Objects stand upright in the camera's view, so they are placed by the camera and not by the
     # map.
-    placed, order, distances = stand(scene.objects, scene.pictures, viewpoint, tile_px)
+    placed, order, distances = place_objects(scene.objects, scene.pictures, viewpoint, tile_px)
     return _Shot(
         ground=_see_ground(scene, viewpoint),
         view=numbers.through(viewpoint.matrix, viewpoint.size, transforms),
@@ -252,7 +252,7 @@ def _paste(
 
 
 def _expose(
-    image: NDArray[np.uint8], view: View, transforms: Transforms, seed: Sequence[int]
+    image: NDArray[np.uint8], view: DrawnTransform, transforms: Transforms, seed: Sequence[int]
 ) -> NDArray[np.uint8]:
     """Takes a picture of what is seen.
 
@@ -267,7 +267,11 @@ def _expose(
 
 
 def _describe(
-    scene: _Scene, view: View, labels: NDArray[np.uint8], index: int, about: dict[str, Plain]
+    scene: _Scene,
+    view: DrawnTransform,
+    labels: NDArray[np.uint8],
+    index: int,
+    about: dict[str, Plain],
 ) -> dict[str, Plain]:
     """Returns the metadata of a sample, without entries that the map does not have."""
     road_map, names = scene.road_map, [picture.name for picture in scene.tiles.pictures]

@@ -30,7 +30,7 @@ _SHRUNK = 0.6
 _NORMAL = np.array([NormalDist().inv_cdf((part + 0.5) / 256) for part in range(256)])
 
 
-class View(NamedTuple):
+class DrawnTransform(NamedTuple):
     """One drawn transform.
 
     Attributes:
@@ -79,8 +79,8 @@ class ViewNumbers(NamedTuple):
 
     def through(
         self, matrix: NDArray[np.float64], size: tuple[int, int], transforms: Transforms
-    ) -> View:
-        """Returns the view of a matrix and a size; see `View`."""
+    ) -> DrawnTransform:
+        """Returns the view of a matrix and a size; see `DrawnTransform`."""
         light, contrast, *colours = self.lights
         # Contrast and colours are factors around mid-grey, which they leave as it is.
         gain = 1 + contrast * transforms.contrast
@@ -88,7 +88,9 @@ class ViewNumbers(NamedTuple):
         # Brightness changes by a share of mid-grey, 128 of 255 levels.
         offset = 128 * light * transforms.light
         blur, noise = self.blur * transforms.blur, self.noise * transforms.noise
-        return View(matrix, size, (red, green, blue), offset, blur, noise, self.noise_seed)
+        return DrawnTransform(
+            matrix, size, (red, green, blue), offset, blur, noise, self.noise_seed
+        )
 
 
 def draw_numbers(rng: np.random.Generator) -> ViewNumbers:
@@ -106,7 +108,9 @@ def draw_numbers(rng: np.random.Generator) -> ViewNumbers:
     )
 
 
-def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]) -> View:
+def draw_view(
+    rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]
+) -> DrawnTransform:
     """Draws a view of a map of (height, width) pixels.
 
     Raises `InputError` for a crop larger than the map.
@@ -148,7 +152,7 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     return numbers.through(matrix / matrix[2, 2], frame, transforms)
 
 
-def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[np.uint8]:
+def warp(layer: NDArray[np.uint8], view: DrawnTransform, outside: Numeric = 0) -> NDArray[np.uint8]:
     """Warps a layer into the view, with a value or colour beyond the map.
 
     A picture, uint8 ``[H, W, 3]``, by linear interpolation, or by area if it shrinks much; a mask
@@ -183,7 +187,7 @@ def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[
     )
 
 
-def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
+def photograph(image: NDArray[np.uint8], view: DrawnTransform) -> NDArray[np.uint8]:
     """Applies the view's light, blur and noise to a warped picture, uint8 ``[h, w, 3]``, RGB."""
     if view.gains != (1, 1, 1) or view.offset:
         # A table of 256 levels per channel is faster than arithmetic on all pixels.

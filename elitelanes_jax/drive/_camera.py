@@ -24,7 +24,7 @@ from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._hashing import fork, hash_normal
-from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, stand
+from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, see_objects
 from elitelanes_jax.drive.lanes import Pose, single
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.bits import mix
@@ -424,7 +424,7 @@ def render_view(
     instances = None
     if objects is not None and billboards is not None:
         sizes = camera.height, camera.forward, camera.objects
-        hit, index, instances = stand(pose, objects, objects.kind, billboards, rays, *sizes)
+        hit, index, instances = see_objects(pose, objects, objects.kind, billboards, rays, *sizes)
         # The closure needs the pixels under the objects by another name.
         road = pixel
         pixel = once(

@@ -183,7 +183,7 @@ class Rays(NamedTuple):
     fall: Float[Array, "..."]
 
 
-def stand(
+def see_objects(
     pose: Pose,
     objects: Objects,
     pictures: Int32[Array, " M"],

@@ -25,7 +25,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._camera import Camera, focal_length, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
-from elitelanes_jax.drive._objects import Floor, Objects, Rays, lie, stand, stands_on
+from elitelanes_jax.drive._objects import Floor, Objects, Rays, lie, see_objects, stands_on
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.drive._variation import (
     LOOK_NUMBERS,
@@ -511,7 +511,7 @@ def _stand(plan: _Plan, scenes: Scenes, samples: int, ground: _Rows) -> _Standin
     camera = plan.camera
     rays: Rays = once(lambda: rays_of(camera, samples))
     sizes = camera.height, camera.forward, camera.objects
-    hit, index, instances = stand(plan.pose, objects, pictures, billboards, rays, *sizes)
+    hit, index, instances = see_objects(plan.pose, objects, pictures, billboards, rays, *sizes)
     if plan.floor is not None:
         columns = camera.columns * samples
         # Objects on the floor are behind all standing ones.

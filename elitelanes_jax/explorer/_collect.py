@@ -9,7 +9,7 @@ from elitelanes_jax._util.checks import TILE_PX, check_named, paths
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.explorer._payload import Payload, pack
+from elitelanes_jax.explorer._payload import Payload, make_payload
 from elitelanes_jax.explorer._shown import (
     ShownRun,
     by_size,
@@ -52,13 +52,15 @@ def collect(
         runs = _collect_named(sources)
         # The page of a single run has the run's name as its title.
         heading = runs[0].name if len(runs) == 1 else ""
-        return pack(runs, _load_tiles(tiles), tile_px, heading)
+        return make_payload(runs, _load_tiles(tiles), tile_px, heading)
     if all(isinstance(source, str | Path) for source in sources):
         return _collect_files(check_named("what", paths, sources), tiles, tile_px)
     # A list has no names, by which the page tells several results apart.
     if any(map(_is_result, sources)):
         raise InputError("what: expected one Result, or several by name, got a list of them")
-    return pack(of_maps(check_named("what", as_maps, sources), ""), _load_tiles(tiles), tile_px, "")
+    return make_payload(
+        of_maps(check_named("what", as_maps, sources), ""), _load_tiles(tiles), tile_px, ""
+    )
 
 
 def _list_sources(what: UserValue) -> Mapping[str, UserValue] | list[UserValue]:
@@ -127,7 +129,7 @@ def _collect_files(
     heading = runs[0].name if len(runs) == 1 and not maps else ""
     # The folder of a run may have the name of a group of maps, such as "maps".
     runs += by_size(maps)
-    return pack(_with_distinct_names(runs), tile_set, tile_px, heading)
+    return make_payload(_with_distinct_names(runs), tile_set, tile_px, heading)
 
 
 def _named_maps(file: Path) -> list[tuple[str, RoadMap]]:

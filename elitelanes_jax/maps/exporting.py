@@ -13,7 +13,7 @@ from elitelanes_jax._util.checks import (
     TILE_PX,
     check_named,
     instance,
-    name,
+    nonblank,
     none_or,
     one_of,
     path,
@@ -195,7 +195,7 @@ def _floor(
     The picture shows the tags on the floor. The objects are those that stand on the map.
     """
     # Drawing needs OpenCV, which other formats do not wait for.
-    from elitelanes_jax.tiles.rendering import png_of, render, stand
+    from elitelanes_jax.tiles.rendering import png_of, render, standing_objects
 
     if tile_px is None:
         tile_px = max(_LEAST_PX, min(_SHARP_PX, _MOST_PX // max(road_map.codes.shape)))
@@ -203,7 +203,7 @@ def _floor(
     # Tags on the floor are part of the picture. Other objects stand on it.
     tags = tuple(thing for thing in objects if not thing.height)
     image = render(replace(road_map, objects=tags), tiles, tile_px=tile_px).image
-    return png_of(image), size.get("tile_size", TILE_SIZE), stand(objects)
+    return png_of(image), size.get("tile_size", TILE_SIZE), standing_objects(objects)
 
 
 def _gltf(road_map: RoadMap, name: str, **settings: UserValue) -> bytes:
@@ -263,7 +263,7 @@ LOOP = RoadMap(np.array([[6, 3], [12, 9]], np.int8))
 
 # Each format checks the range of its settings itself, so these checks are wide.
 _metres = none_or(real(0, unit="metres, a number", exclusive=True))
-_name = none_or(name)
+_name = none_or(nonblank)
 
 
 @dataclass(frozen=True)

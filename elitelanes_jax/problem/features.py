@@ -15,8 +15,7 @@ from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named, check_unique
-from elitelanes_jax._util.checks import name as check_name
+from elitelanes_jax._util.checks import check_named, check_unique, nonblank
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.records import (
@@ -145,7 +144,7 @@ def check_features(features: UserValue) -> tuple[str, ...]:
     """Checks the names of the user's own features, which no other feature may have."""
     if isinstance(features, str) or not isinstance(features, Iterable):
         raise InputError(f"features: expected names, got {shorten(repr(features))}")
-    listed = [check_named("features", check_name, name) for name in features]
+    listed = [check_named("features", nonblank, name) for name in features]
     names = check_unique("features", "name", listed)
     taken = {*FEATURES, *TOWN_FEATURES, "constant"}
     for name in names:

@@ -16,7 +16,7 @@ from elitelanes_jax._util.checks import SEED, check_named, file_named, is_whole,
 from elitelanes_jax._util.checks import path as checked_path
 from elitelanes_jax._util.errors import InputError, pluralize, shorten, warn_user
 from elitelanes_jax._util.files import write_atomic
-from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.npz import npz_bytes, read_npz
 from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Plain, UserValue
@@ -326,7 +326,7 @@ class Result:
             arrays |= _state_arrays(self.state)
         else:
             del arrays[_SPEED]
-        write_atomic(file, pack(arrays, self._settings(seed)))
+        write_atomic(file, npz_bytes(arrays, self._settings(seed)))
 
     def _settings(self, seed: int | None) -> dict[str, Plain]:
         """Returns the settings that the file of the result has."""
@@ -358,7 +358,7 @@ class Result:
 @runs_jax
 def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     """Returns what `Result.load` returns, and the seed that is noted in the file, or None."""
-    settings, arrays = unpack(check_named("path", checked_path, path))
+    settings, arrays = read_npz(check_named("path", checked_path, path))
     # Each step continues the message with what is wrong, so that the file is named once.
     try:
         stored = _read_settings(settings, arrays)

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 
-from elitelanes_jax._util.checks import check_named, flag, name, none_or, one_of, whole
+from elitelanes_jax._util.checks import check_named, flag, nonblank, none_or, one_of, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Option, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -108,7 +108,7 @@ class Settings:
     style: str | None = option(None, none_or(read_style), "NAME", many="once")
     like: Grids = option((), parse_initial, "MAP", many=True)
     method: str = option("map-elites", check_method, "NAME")
-    preset: str = option("tuned", name, "NAME")
+    preset: str = option("tuned", nonblank, "NAME")
     evaluations: int = option(200_000, whole(0), "N")
     generations: int | None = option(None, none_or(whole(0)), "N")
     features: tuple[str, ...] = option((), check_features)
@@ -133,7 +133,7 @@ class Settings:
 
     def values(self) -> dict[str, UserValue]:
         """Returns the values of the options, by name."""
-        return {option_name: getattr(self, option_name) for option_name in OPTIONS}
+        return {name: getattr(self, name) for name in OPTIONS}
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON, from which `settings_from_plain` makes equal settings."""
@@ -176,12 +176,12 @@ def settings_from_plain(plain: Plain) -> Settings:
     # The features are checked first, because other options name them. The check of the style would
     # read its file, which may not exist any more.
     user_features = check_named("features", check_features, plain["features"])
-    values = {"style": check_named("style", none_or(name), plain["style"])}
-    for option_name, value in plain.items():
-        if option_name == "style":
+    values = {"style": check_named("style", none_or(nonblank), plain["style"])}
+    for name, value in plain.items():
+        if name == "style":
             continue
         # JSON has lists in place of tuples. Only the default, (), may be empty.
         if value == []:
             value = ()
-        values[option_name] = check_option(option_name, value, user_features)
+        values[name] = check_option(name, value, user_features)
     return Settings(**values)

@@ -86,7 +86,9 @@ def outline(pixels: UInt8[NDArray, "rows columns 4"]) -> Int[NDArray, "N 2"]:
     )
 
 
-def project(points: Shaped[NDArray, "N 2"], matrix: Float[NDArray, "3 3"]) -> Float[NDArray, "N 3"]:
+def map_points(
+    points: Shaped[NDArray, "N 2"], matrix: Float[NDArray, "3 3"]
+) -> Float[NDArray, "N 3"]:
     """Returns where a matrix maps points to.
 
     The result is x, y and the third coordinate. x and y are already divided by it, unless it is 0.
@@ -103,7 +105,7 @@ _Window: TypeAlias = tuple[slice, slice]
 
 def _window(one: Placed, size: tuple[int, int], near: float) -> _Window:
     """Returns the rows and columns that a picture can touch."""
-    corners = project(_corners(one), one.matrix)
+    corners = map_points(_corners(one), one.matrix)
     if (corners[:, 2] <= near).all():
         return np.s_[0:0, 0:0]
     if (corners[:, 2] <= near).any():
@@ -153,7 +155,7 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
     # Colours are multiplied by their opacity first, so that hidden colours of transparent pixels do
     # not shine through.
     paint = np.dstack([one.pixels[..., :3] * opacity, opacity * 255]).astype(np.float32)
-    corners = project(_corners(one), matrix)
+    corners = map_points(_corners(one), matrix)
     if (corners[:, 2] > near).all():
         # Interpolation reads the nearest four pixels alone. A picture that becomes much smaller is
         # scaled down by area first.
@@ -202,14 +204,14 @@ def _seen(
     rows, columns = (
         np.flatnonzero(mask.any(axis=1 - axis)) + window[axis].start for axis in (0, 1)
     )
-    points = project(outline(one.pixels), one.matrix)
+    points = map_points(outline(one.pixels), one.matrix)
     points = points[points[:, 2] > near]
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     # If a part is beyond the edges, the areas of the picture's pixels in the view are added up. The
     # area of one is the determinant divided by the cube of its depth.
     if (low < 0).any() or (high > size[::-1]).any():
         v, u = np.nonzero(one.pixels[..., 3] >= OPAQUE)
-        depth = project(np.column_stack([u + 0.5, v + 0.5]), one.matrix)[:, 2]
+        depth = map_points(np.column_stack([u + 0.5, v + 0.5]), one.matrix)[:, 2]
         area = (abs(np.linalg.det(one.matrix)) / depth[depth > near] ** 3).sum()
         covered = max(covered, round(float(area)))
     box = int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1

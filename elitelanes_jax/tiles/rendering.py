@@ -358,7 +358,7 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
 
 
 @name_wrong_arguments
-def stand(
+def standing_objects(
     objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path | None = None
 ) -> list[Standing]:
     """Returns how objects look from their front, for the floors of 3-D simulators.

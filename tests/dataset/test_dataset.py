@@ -26,7 +26,7 @@ from elitelanes_jax.dataset._plan import _Size
 from elitelanes_jax.dataset._samples import Sample
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset._transforms import STANDARD
-from elitelanes_jax.dataset._views import View, warp
+from elitelanes_jax.dataset._views import DrawnTransform, warp
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network import canonical_form, plain_measure
@@ -129,7 +129,7 @@ def test_labels_are_those_of_the_tiles_in_the_record(evolved):
             chosen = np.stack([tile, row["quarter_turns"]], axis=-1)
             plain = render(row["codes"], tiles, tile_px=16, chosen=chosen)
             matrix, size = np.array(row["transform"]["matrix"]), tuple(row["pixels"])
-            view = View(**row["transform"] | {"matrix": matrix, "size": size})
+            view = DrawnTransform(**row["transform"] | {"matrix": matrix, "size": size})
             np.testing.assert_array_equal(
                 warp(plain.labels, view), read_picture(evolved / split / row["labels_file_name"])
             )

@@ -76,7 +76,7 @@ def viewpoint_of(plan, camera):
     to_robot = _robot_views._to_robot(pose["x"], pose["y"], pose["theta"]) @ scale
     onto_ground = np.array([[1, 0, -camera.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
     size = camera.rows, camera.columns
-    matrix = _robot_views.project(drawn, size) @ onto_ground @ to_robot
+    matrix = _robot_views.camera_matrix(drawn, size) @ onto_ground @ to_robot
     lines = 0.0 if plan.lines is None else float(plan.lines) / 2**20 * np.sin(2 * np.pi * 0.09)
     sky = tuple(int(part) for part in np.ravel(plan.camera.sky))
     return _robot_views.Viewpoint(matrix, size, sky, TILE_PX, lines, {"pose": pose, "camera": drawn})
@@ -237,7 +237,7 @@ def test_objects_have_the_masks_and_the_pictures_that_datasets_have(drawn_tiles)
         for shift in (0, 1):
             pictures = [one[(plan.pictures[i] - first[i] + shift) % len(one)] for i, one in enumerate(choices)]
             layers = {"image": _robot_views.see(ground, viewpoint, GROUND)}
-            placed, order, _ = _robot_views.stand(things, pictures, viewpoint, TILE_PX)
+            placed, order, _ = _robot_views.place_objects(things, pictures, viewpoint, TILE_PX)
             owners, _ = paste_objects(layers, placed, order, NEAR)
             images.append(np.abs(layers["image"].astype(int) - seen.images[index]))
             if not shift:

@@ -27,7 +27,7 @@ from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.maps.exporting import FORMATS
 from elitelanes_jax.network import wfc
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render
-from elitelanes_jax.tiles.rendering import stand
+from elitelanes_jax.tiles.rendering import standing_objects
 from elitelanes_jax.tiles.tileset import default_tiles
 
 TOWN = wfc.generate_batch(np.random.default_rng(0), 1, (6, 8), border="closed").grid[0]
@@ -112,7 +112,7 @@ THINGS = [
 
 def test_objects_stand_on_the_floor_and_face_their_readers():
     """Pictures are as high as their objects, above their places, and read from the side that objects face."""
-    standing = stand(THINGS)
+    standing = standing_objects(THINGS)
     assert [one.thing for one in standing] == [thing for thing in THINGS if thing.height]
     text = to_gltf(TOWN.shape, png_of(render(TOWN, tile_px=16).image), 2 * TILE, standing)
     content = json.loads(text[20 : 20 + struct.unpack("<I", text[12:16])[0]])
@@ -176,7 +176,7 @@ def test_trimesh_sees_objects_where_they_stand():
     trimesh = pytest.importorskip("trimesh")
     (made,) = FORMATS["gltf"].files(RoadMap(TOWN, objects=THINGS), "city").values()
     meshes = trimesh.load(io.BytesIO(made), file_type="glb").dump()
-    for thing, front, wide, _ in stand(THINGS):
+    for thing, front, wide, _ in standing_objects(THINGS):
         middle = [thing.x * TILE, thing.height / 2, (thing.y - len(TOWN)) * TILE]
         (one,) = (mesh for mesh in meshes if np.allclose(mesh.bounds.mean(axis=0), middle, atol=1e-6))
         np.testing.assert_allclose(one.face_normals, [[np.cos(thing.angle), 0, -np.sin(thing.angle)]] * 2, atol=1e-6)
@@ -344,7 +344,7 @@ def apart(one, other):
 def test_objects_stand_in_mujoco_and_stop_the_robot(mujoco):
     model, data = load(mujoco, RoadMap(TOWN, objects=THINGS))
     mujoco.mj_forward(model, data)
-    for number, (thing, *_) in enumerate(stand(THINGS)):
+    for number, (thing, *_) in enumerate(standing_objects(THINGS)):
         above, hit = np.array([thing.x * TILE, (len(TOWN) - thing.y) * TILE, 5]), np.array([-1], np.int32)
         fall = mujoco.mj_ray(model, data, above, np.array([0.0, 0, -1]), None, 1, -1, hit, None)
         assert (model.geom(hit[0]).name, fall) == (f"{thing.kind} {number}", pytest.approx(5 - thing.height))

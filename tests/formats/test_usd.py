@@ -13,7 +13,7 @@ from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.usd import to_usd
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.exporting import FORMATS
-from elitelanes_jax.tiles.rendering import stand
+from elitelanes_jax.tiles.rendering import standing_objects
 
 TILE = 0.6
 # A round object at a corner of the map, one that is turned, and a kind with a colon.
@@ -34,7 +34,7 @@ def test_bad_values_are_named():
 
 
 def test_objects_have_the_places_angles_and_sides_of_the_map():
-    _, *solids = to_usd(TOWN.shape, "town.png", TILE, stand(OBJECTS)).split("def Cube")
+    _, *solids = to_usd(TOWN.shape, "town.png", TILE, standing_objects(OBJECTS)).split("def Cube")
     for solid, thing in zip(solids, OBJECTS, strict=True):
         found = dict(re.findall(r"xformOp:(\w+) = \(?([^)\n]*)", solid))
         place, (turned,), half = ([float(part) for part in found[name].split(",")] for name in found)

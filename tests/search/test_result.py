@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea
-from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.npz import npz_bytes, read_npz
 from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, AnnealingConfig, EvolutionConfig, MapElitesConfig
 from elitelanes_jax.optimizers.presets import config_from_plain, config_to_plain, find_preset
 from elitelanes_jax.search.elites import check_metrics
@@ -179,10 +179,10 @@ def saved(tmp_path_factory):
 @given(st.data())
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_whatever_a_file_says_it_is_read_or_refused(saved, data):
-    about, arrays = unpack(saved)
+    about, arrays = read_npz(saved)
     wrong = data.draw(spoilt(about))
     file = saved.with_name("wrong.npz")
-    file.write_bytes(pack(arrays, wrong))
+    file.write_bytes(npz_bytes(arrays, wrong))
     try:
         result = Result.load(file)
     except InputError as error:
@@ -194,14 +194,14 @@ def test_whatever_a_file_says_it_is_read_or_refused(saved, data):
 
 
 def changed(file, **changes):
-    about, arrays = unpack(file)
+    about, arrays = read_npz(file)
     for name, value in changes.items():
         target = about if name in about else arrays
         name = name if name in about else name.replace("__", ".")
         target.pop(name, None)
         if value is not None:
             target[name] = value
-    return pack(arrays, about)
+    return npz_bytes(arrays, about)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_grids_that_were_changed_are_refused(result, tmp_path):
     """Another program changed a tile of an elite, and its metrics are those of the former grid."""
     whole, file = tmp_path / "whole.npz", tmp_path / "changed.npz"
     result.save(whole)
-    _, arrays = unpack(whole)
+    _, arrays = read_npz(whole)
     first, last = np.argwhere(arrays["valid"])[[0, -1]].tolist()
     grids = arrays["grids"].copy()
     grids[*last][0, 0] ^= 15

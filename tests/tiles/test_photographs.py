@@ -28,7 +28,7 @@ from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_f
 from elitelanes_jax.tiles.photographs.cutting import mask_cut
 from elitelanes_jax.tiles.photographs.proposals import SURE
 from elitelanes_jax.tiles.photographs.reading import read_lens
-from elitelanes_jax.tiles.photographs.views import View, places_of, view_of
+from elitelanes_jax.tiles.photographs.views import FloorView, places_of, view_of
 from elitelanes_jax.tiles.sides import describe_lanes, measure_sides
 
 TOWN = photographed.TOWN
@@ -336,7 +336,7 @@ def test_a_view_bends_and_scales():
     bent = view._replace(radial=0.05)
     step = (bent.pixels_of(places_of(3, 3, 4, 0)) - view.pixels_of(places_of(3, 3, 4, 0))) / 0.05
     np.testing.assert_allclose(view.bend(places_of(3, 3, 4, 0)), step, atol=1e-6)
-    double = View(*bent).scaled(2)
+    double = FloorView(*bent).scaled(2)
     place = np.array([[1.0, 2.0]])
     np.testing.assert_allclose(double.pixels_of(place), bent.pixels_of(place) * 2 + 0.5, atol=1e-6)
 

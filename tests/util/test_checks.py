@@ -9,7 +9,7 @@ import pytest
 
 from elitelanes_jax._util.checks import clip_to_int32, file_named, folder, path, real
 from elitelanes_jax._util.errors import InputError, suggest
-from elitelanes_jax._util.npz import unpack
+from elitelanes_jax._util.npz import read_npz
 
 
 @pytest.mark.parametrize(
@@ -75,4 +75,4 @@ def test_an_archive_with_other_members_than_arrays_is_refused(name, tmp_path):
     with zipfile.ZipFile(tmp_path / "runs.npz", "w") as archive:
         archive.writestr(name, "[]")
     with pytest.raises(InputError, match=rf"runs.npz: expected NumPy's .npz, .*: {name} is no array"):
-        unpack(tmp_path / "runs.npz")
+        read_npz(tmp_path / "runs.npz")

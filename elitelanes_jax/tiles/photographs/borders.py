@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.tiles.photographs.views import Points, View, flatten
+from elitelanes_jax.tiles.photographs.views import FloorView, Points, flatten
 
 Sides = list[tuple[tuple[float, float], tuple[int, int]]]
 """The middle of each side of a tile in tiles, x and y, and the direction out of the tile."""
@@ -92,7 +92,7 @@ def outer_sides(codes: NDArray[np.int8]) -> Sides:
     return sides
 
 
-def contrasts(image: NDArray[np.uint8], view: View, sides: Sides) -> NDArray[np.float64]:
+def contrasts(image: NDArray[np.uint8], view: FloorView, sides: Sides) -> NDArray[np.float64]:
     """Returns how well the colours beside each side tell the tile from the floor, ``[S]``.
 
     At each point of a side, the likelihood of the colours just inside is compared with that of the
@@ -116,7 +116,7 @@ def _steps_across(reach: float) -> NDArray[np.float64]:
 
 
 def _profiles(
-    image: NDArray[np.uint8], view: View, sides: Sides, steps: NDArray[np.float64]
+    image: NDArray[np.uint8], view: FloorView, sides: Sides, steps: NDArray[np.float64]
 ) -> tuple[Points, Points, NDArray[np.float64]]:
     """Returns the colours across the sides of tiles.
 
@@ -149,7 +149,7 @@ def _profiles(
 
 
 def _point_colours(
-    image: NDArray[np.uint8], view: View, sides: Sides, steps: NDArray[np.float64]
+    image: NDArray[np.uint8], view: FloorView, sides: Sides, steps: NDArray[np.float64]
 ) -> tuple[Points, Points, NDArray[np.float64]]:
     """Returns the mean colours across the sides at each point.
 
@@ -159,7 +159,7 @@ def _point_colours(
     return points, outwards, colours.reshape(len(sides), ALONG, _FINE, len(steps), 3).mean(axis=2)
 
 
-def colour_border(image: NDArray[np.uint8], view: View, sides: Sides, reach: float) -> Border:
+def colour_border(image: NDArray[np.uint8], view: FloorView, sides: Sides, reach: float) -> Border:
     """Returns where the colours of sides separate.
 
     The border is searched for within `reach` tiles of where the view has it.
@@ -262,7 +262,7 @@ def _best_line(gain: NDArray[np.float64]) -> NDArray[np.int_]:
     return lines[first, last]
 
 
-def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Border:
+def sharpest_border(image: NDArray[np.uint8], view: FloorView, sides: Sides) -> Border:
     """Returns where colours change most near the sides of a view.
 
     The change is the mean along a third of a side.
@@ -278,7 +278,7 @@ def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Borde
     return Border(points, outwards, np.array(offsets))
 
 
-def shadow_width(image: NDArray[np.uint8], view: View, sides: Sides, reach: float) -> float:
+def shadow_width(image: NDArray[np.uint8], view: FloorView, sides: Sides, reach: float) -> float:
     """Returns how far outside of the sharpest edge the border by colours is.
 
     The distance is in tiles, and is the mean of all sides. A shadow under the tiles moves the
@@ -293,7 +293,7 @@ def shadow_width(image: NDArray[np.uint8], view: View, sides: Sides, reach: floa
 
 
 def _contrasting_profiles(
-    image: NDArray[np.uint8], view: View, sides: Sides
+    image: NDArray[np.uint8], view: FloorView, sides: Sides
 ) -> tuple[Points, Points, NDArray[np.float64], NDArray[np.float64]]:
     """Returns the colours across the sides, by how rare they are on the floor.
 

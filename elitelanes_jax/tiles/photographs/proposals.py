@@ -20,8 +20,8 @@ from elitelanes_jax.tiles.photographs.reading import Photograph
 from elitelanes_jax.tiles.photographs.registration import Fit, fit_view, largest_spread
 from elitelanes_jax.tiles.photographs.single import SIDES_OF_TILE, fit_tile
 from elitelanes_jax.tiles.photographs.views import (
+    FloorView,
     Points,
-    View,
     flatten,
     floor_corners,
     places_of,
@@ -80,9 +80,9 @@ class Proposal(NamedTuple):
     advice: str
 
     @property
-    def view(self) -> View:
+    def view(self) -> FloorView:
         """The camera's view of the tiles."""
-        return View(np.array(self.homography), self.radial, self.width, self.height)
+        return FloorView(np.array(self.homography), self.radial, self.width, self.height)
 
 
 _UNLIKE = (
@@ -174,7 +174,7 @@ class _Start(NamedTuple):
     """
 
     support: float
-    view: View
+    view: FloorView
     codes: NDArray[np.int8]
 
 
@@ -350,7 +350,7 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
     return points
 
 
-def _out_of_square(view: View) -> float:
+def _out_of_square(view: FloorView) -> float:
     """Returns how far the tiles are from squares in space, 0 for squares.
 
     The distance combines the ratio of the sides and the angle in radians. The camera's axis is the
@@ -408,7 +408,7 @@ def _starts(
 
 def _read(
     image: NDArray[np.uint8],
-    view: View,
+    view: FloorView,
     shape: tuple[int, int],
     tiles: TileSet,
     *,

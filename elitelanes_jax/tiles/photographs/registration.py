@@ -25,7 +25,13 @@ from elitelanes_jax.tiles.photographs.borders import (
     outer_sides,
     shadow_width,
 )
-from elitelanes_jax.tiles.photographs.views import Points, View, flatten, floor_corners, places_of
+from elitelanes_jax.tiles.photographs.views import (
+    FloorView,
+    Points,
+    flatten,
+    floor_corners,
+    places_of,
+)
 
 Field = NDArray[np.float32]
 
@@ -90,13 +96,13 @@ class Fit(NamedTuple):
         where a border is seen within 0.8 % of a tile.
     """
 
-    view: View
+    view: FloorView
     spread: NDArray[np.float64]
     alike: float
     border: NDArray[np.float64]
 
 
-def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8]) -> Fit:
+def fit_view(image: NDArray[np.uint8], view: FloorView, codes: NDArray[np.int8]) -> Fit:
     """Fits the view of a floor of several tiles to a photograph.
 
     Args:
@@ -172,7 +178,7 @@ def _fit_colours(
     return fit
 
 
-def _clear_sides(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8]) -> Sides:
+def _clear_sides(image: NDArray[np.uint8], view: FloorView, codes: NDArray[np.int8]) -> Sides:
     """Returns the outer sides whose colours tell the tile from the floor."""
     sides = outer_sides(codes)
     clear = contrasts(image, view, sides) >= _CLEAR_COLOURS
@@ -209,7 +215,7 @@ def _refine(
     return fit
 
 
-def begin_equations(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def begin_equations(view: FloorView) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns the normal equations of what is known before the pixels are read.
 
     These are a guess of the view, and the usual bend of a lens.
@@ -228,13 +234,17 @@ class Step(NamedTuple):
       size: the largest change of a parameter, in tiles.
     """
 
-    view: View
+    view: FloorView
     spread: NDArray[np.float64]
     size: float
 
 
 def solve_equations(
-    view: View, matrix: NDArray[np.float64], vector: NDArray[np.float64], rows: int, columns: int
+    view: FloorView,
+    matrix: NDArray[np.float64],
+    vector: NDArray[np.float64],
+    rows: int,
+    columns: int,
 ) -> Step | None:
     """Takes the step that solves the normal equations at a view.
 
@@ -248,7 +258,7 @@ def solve_equations(
     return Step(moved, spread, float(np.abs(change[:8]).max() * max(rows, columns)))
 
 
-def _is_seen(view: View, rows: int, columns: int) -> bool:
+def _is_seen(view: FloorView, rows: int, columns: int) -> bool:
     """Returns whether a view is one of a convex floor near the photograph.
 
     A fit to pixels that show no tiles may leave the photograph.
@@ -309,7 +319,7 @@ def _groups(codes: NDArray[np.int8]) -> list[list[_Seen]]:
     return [cells for cells in groups.values() if sum(len(cell.turns) for cell in cells) > 1]
 
 
-def _basis(view: View, places: Points, rows: int, columns: int) -> NDArray[np.float64]:
+def _basis(view: FloorView, places: Points, rows: int, columns: int) -> NDArray[np.float64]:
     """Returns how each parameter moves positions ``[..., 2]`` in tiles: ``[9, ..., 2]``.
 
     The first eight are a homography's, in units of half the floor. The last is the radial
@@ -342,7 +352,7 @@ def _basis(view: View, places: Points, rows: int, columns: int) -> NDArray[np.fl
     return np.concatenate([basis, bent[None]])
 
 
-def _moved_view(view: View, change: NDArray[np.float64], rows: int, columns: int) -> View:
+def _moved_view(view: FloorView, change: NDArray[np.float64], rows: int, columns: int) -> FloorView:
     """Applies a change of the parameters of `_basis`."""
     a, b, c, d, e, f, g, h = change[:8]
     small = np.array([[1 + b, c, a], [e, 1 + f, d], [-g, -h, 1]])
@@ -356,7 +366,7 @@ def _add_cells(
     matrix: NDArray[np.float64],
     vector: NDArray[np.float64],
     image: NDArray[np.uint8],
-    view: View,
+    view: FloorView,
     shape: tuple[int, ...],
     groups: list[list[_Seen]],
     tile_px: int,
@@ -413,7 +423,7 @@ def _add_cells(
 
 
 def _border_offsets(
-    image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], reach: float
+    image: NDArray[np.uint8], view: FloorView, codes: NDArray[np.int8], reach: float
 ) -> Border:
     """Returns where the border is seen on both sides of where a view has it."""
     sides = outer_sides(codes)
@@ -448,7 +458,7 @@ def _add_border(
     matrix: NDArray[np.float64],
     vector: NDArray[np.float64],
     image: NDArray[np.uint8],
-    view: View,
+    view: FloorView,
     codes: NDArray[np.int8],
     reach: float,
     trusted: NDArray[np.bool_],
@@ -472,7 +482,7 @@ def _add_border(
 def add_offsets(
     matrix: NDArray[np.float64],
     vector: NDArray[np.float64],
-    view: View,
+    view: FloorView,
     border: Border,
     rows: int,
     columns: int,

@@ -13,7 +13,7 @@ from elitelanes_jax.tiles.photographs.registration import (
     begin_equations,
     solve_equations,
 )
-from elitelanes_jax.tiles.photographs.views import View
+from elitelanes_jax.tiles.photographs.views import FloorView
 
 SIDES_OF_TILE = outer_sides(np.ones((1, 1), np.int8))
 """The sides of a single tile, to the north, east, south and west."""
@@ -26,7 +26,7 @@ _ROUNDS = 4
 _STILL = 3e-4
 
 
-def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
+def fit_tile(image: NDArray[np.uint8], view: FloorView) -> Fit:
     """Fits the view of a single tile.
 
     Args:

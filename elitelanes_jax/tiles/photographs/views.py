@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Points = NDArray[np.float64]
 
 
-class View(NamedTuple):
+class FloorView(NamedTuple):
     """A camera's view of a floor.
 
     Attributes:
@@ -44,14 +44,14 @@ class View(NamedTuple):
             places.shape
         )
 
-    def scaled(self, scale: float) -> "View":
+    def scaled(self, scale: float) -> "FloorView":
         """Returns the view of the same photograph in another size."""
         size = round(self.width * scale), round(self.height * scale)
         stretch = np.diag([size[0] / self.width, size[1] / self.height, 1.0])
         # Whole numbers are the centres of pixels. Therefore a scale also shifts by a part of a
         # pixel.
         stretch[:2, 2] = (stretch[0, 0] - 1) / 2, (stretch[1, 1] - 1) / 2
-        return View(stretch @ self.homography, self.radial, *size)
+        return FloorView(stretch @ self.homography, self.radial, *size)
 
     def tile_pixels(self, rows: int, columns: int) -> float:
         """Returns the side in pixels of a tile in the floor's middle."""
@@ -77,14 +77,14 @@ def floor_corners(rows: int, columns: int) -> Points:
     return np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
 
 
-def view_of(corners: Points, rows: int, columns: int, width: int, height: int) -> View:
+def view_of(corners: Points, rows: int, columns: int, width: int, height: int) -> FloorView:
     """Returns the view in which a floor's corners are at pixels ``[4, 2]``, clockwise.
 
     The view has no distortion.
     """
     places = floor_corners(rows, columns).astype(np.float32)
     homography = cv2.getPerspectiveTransform(places, np.asarray(corners, np.float32))
-    return View(np.asarray(homography, np.float64), 0.0, width, height)
+    return FloorView(np.asarray(homography, np.float64), 0.0, width, height)
 
 
 def places_of(rows: int, columns: int, tile_px: int, margin: int) -> Points:
@@ -98,7 +98,7 @@ def places_of(rows: int, columns: int, tile_px: int, margin: int) -> Points:
 
 
 def flatten(
-    image: NDArray[np.uint8], view: View, places: Points, tile_px: float
+    image: NDArray[np.uint8], view: FloorView, places: Points, tile_px: float
 ) -> NDArray[np.uint8]:
     """Returns the pixels of a photograph ``[H, W, 3]`` at positions ``[..., 2]`` in tiles.
 
