@@ -12,7 +12,7 @@ from given_maps import random_maps
 from pages import blocks
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.dataset._robot_views import draw_viewpoint, find_rays, see, see_labels, stand
+from elitelanes_jax.dataset._robot_views import draw_viewpoint, find_rays, place_objects, see, see_labels
 from elitelanes_jax.dataset._samples import draw_sample
 from elitelanes_jax.dataset._tiled_maps import TiledMap, can_tile, see_tiled_labels
 from elitelanes_jax.dataset._transforms import Viewpoints
@@ -204,7 +204,7 @@ def test_of_two_tags_on_one_spot_the_last_one_is_in_front():
     things = [MapObject(kind, 1.0, 1.0, 0.0, height) for kind, height in (("floor_tag", 0.0), ("cone", 0.08)) * 2]
     for seed in range(20):
         viewpoint = draw_viewpoint(np.random.default_rng(seed), Viewpoints(), grid, 64)
-        _, order, _ = stand(things, load_objects().choose(things), viewpoint, 64)
+        _, order, _ = place_objects(things, load_objects().choose(things), viewpoint, 64)
         assert order in ([0, 2], [0, 2, 1, 3])
 
 
