@@ -40,7 +40,7 @@ from elitelanes_jax.search.result import (
     Result,
     RunState,
 )
-from elitelanes_jax.search.running import evolve_search, plan_run
+from elitelanes_jax.search.running import evolve_search, prepare_search
 from elitelanes_jax.search.spec import SearchOptions, SearchSpec
 
 
@@ -170,10 +170,10 @@ def _evolve_in_pool(
 ) -> Result:
     """Runs a search on an executor's workers."""
     check_named("progress", none_or(flag), progress)
-    # Planning a run of one seed checks the user's functions here, before they travel. Workers
+    # Preparing a search of one seed checks the user's functions here, before they travel. Workers
     # compare their functions with the digests.
     first_key = keys._replace(data=keys.data[:1])
-    functions = plan_run(search, first_key, extensions, choose_devices(1)).setup.digests
+    functions = prepare_search(search, first_key, extensions, choose_devices(1)).setup.digests
     # Workers get the resolved search, therefore they read no files of the user.
     results = evolve_parts(search, keys, pool, extensions, functions=functions, progress=progress)
     return join_evolved_parts(results)

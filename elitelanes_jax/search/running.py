@@ -2,12 +2,12 @@
 
 `evolve_search` takes these steps:
 
-1. `plan_run` finds the three programs of the search, see `_programs`, and divides the seeds among
-   devices.
+1. `prepare_search` finds the three programs of the search, see `_programs`, and divides the seeds
+   among devices.
 2. `_evolve` makes the states of generation 0, or takes those of an earlier result or checkpoint.
 3. `_advance` runs the generations in compiled calls of about 0.2 seconds. Each call changes the
    states, and adds a piece to the history.
-4. `PlannedRun.result` collects the elites from the states.
+4. `PreparedSearch.result` collects the elites from the states.
 
 Steps 2 and 3 keep the seeds in parts of equal size. Each part has a device, and a call of a program
 runs one part. A device may have several parts. Step 4 joins the parts.
@@ -89,7 +89,7 @@ def evolve_search(
     """Runs a resolved search. The other arguments, and the errors, are those of `evolve`."""
     check_named("progress", none_or(flag), progress)
     every = check_named("every", real(0), every)
-    run = plan_run(search, keys, extensions, choose_devices(devices))
+    run = prepare_search(search, keys, extensions, choose_devices(devices))
     generation = 0
     states = None
     if state is not None:
@@ -113,7 +113,7 @@ def compile_search(search: Search, keys: SearchKeys) -> None:
     Raises:
       NotEnoughMemoryError: as `evolve`.
     """
-    run = plan_run(search, keys, Extensions(), choose_devices())
+    run = prepare_search(search, keys, Extensions(), choose_devices())
     facts = run.programs.facts
     _check_memory(run.programs.memory, len(keys.data), search.shape)
     # This is the number that `_evolve` prepares for, because it decides how far the programs are
@@ -123,8 +123,8 @@ def compile_search(search: Search, keys: SearchKeys) -> None:
 
 
 @dataclass(frozen=True)
-class PlannedRun:
-    """One call of `evolve`, checked and planned.
+class PreparedSearch:
+    """A search that is ready to run: its programs, keys and devices.
 
     Attributes:
       search: the resolved search. Its method and preset say what makes the result.
@@ -188,9 +188,9 @@ class PlannedRun:
         return Result(elites, history, state, self.search, self.config, self.setup.digests)
 
 
-def plan_run(
+def prepare_search(
     search: Search, keys: SearchKeys, extensions: Extensions, devices: Sequence[jax.Device]
-) -> PlannedRun:
+) -> PreparedSearch:
     """Checks the user's functions, and finds the programs of a search. Compiles nothing."""
     check_extensions(search, extensions)
     config = find_config(search, extensions)
@@ -219,7 +219,7 @@ def plan_run(
     # The budget and the devices are not part of the fingerprint, so both may change when a run is
     # continued.
     fingerprint = zlib.crc32(_describe(setup).encode() + keys.data.tobytes())
-    return PlannedRun(
+    return PreparedSearch(
         search=record_method(search, config, extensions),
         config=config,
         setup=setup,
@@ -239,7 +239,7 @@ def _describe(setup: Setup) -> str:
 
 
 def _evolve(
-    run: PlannedRun,
+    run: PreparedSearch,
     first: int,
     inner: States | None,
     checkpoint: Checkpoint | None,
@@ -311,14 +311,14 @@ def _with_seed_axis(history: History) -> History:
     )
 
 
-def _start(run: PlannedRun) -> list[States]:
+def _start(run: PreparedSearch) -> list[States]:
     """Returns the first states of all seeds, by device."""
     keys_by_part = cut(run.keys.data, run.devices)
     return run.on_parts(run.programs.start, [(keys,) for keys in keys_by_part])
 
 
 def _interrupted(
-    run: PlannedRun,
+    run: PreparedSearch,
     states: Sequence[States],
     histories: Sequence[History],
     first: int,
@@ -341,7 +341,7 @@ def _warn_of_refused(result: Result) -> None:
         warn_user(f"the result has no elites: {refused:,} grids were refused, because {reason}")
 
 
-def _check_budget(run: PlannedRun, checkpoint: Checkpoint, generation: int, last: int) -> None:
+def _check_budget(run: PreparedSearch, checkpoint: Checkpoint, generation: int, last: int) -> None:
     """Raises `InputError` if a checkpoint has more generations than the budget."""
     if generation <= last:
         return
@@ -383,7 +383,7 @@ def _free_memory_of_device() -> int:
     return free_memory()
 
 
-def _identity(run: PlannedRun, first: int) -> dict[str, Plain]:
+def _identity(run: PreparedSearch, first: int) -> dict[str, Plain]:
     """Returns all that a search depends on except its budget, plain values for JSON."""
     options = run.search.to_plain()
     # A larger budget extends a search. The options of a style are in the others, so its name does
@@ -405,7 +405,7 @@ def _identity(run: PlannedRun, first: int) -> dict[str, Plain]:
     }
 
 
-def _restore(state: Pytree, run: PlannedRun) -> tuple[int, States]:
+def _restore(state: Pytree, run: PreparedSearch) -> tuple[int, States]:
     """Returns the generation and the optimiser's states of a `RunState`, with an axis of seeds."""
     if not isinstance(state, RunState):
         raise InputError(
@@ -439,7 +439,7 @@ class _Rows(NamedTuple):
 
 
 def _advance(
-    run: PlannedRun, states: list[States], generation: int, last: int, bar: Progress
+    run: PreparedSearch, states: list[States], generation: int, last: int, bar: Progress
 ) -> Iterator[tuple[list[States], History]]:
     """Runs the generations after `generation` call by call.
 

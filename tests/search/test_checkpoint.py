@@ -133,7 +133,7 @@ def test_an_interruption_before_any_grid_is_evaluated_has_nothing(number, monkey
 @pytest.mark.parametrize("moment", ["result", "save"])
 def test_an_interruption_at_the_very_end_has_what_was_found(moment, whole, tmp_path, monkeypatch):
     """It comes while the elites are collected, or while the last checkpoint is written."""
-    kind = search.PlannedRun if moment == "result" else Checkpoint
+    kind = search.PreparedSearch if moment == "result" else Checkpoint
     finish = getattr(kind, moment)
 
     def interrupted(*arguments):
