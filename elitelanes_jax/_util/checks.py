@@ -225,6 +225,20 @@ def _has_bytes(text: str) -> bool:
     return True
 
 
+def is_folder(path: Path) -> bool:
+    """Returns whether a path is that of a folder; False for a text that is too long for a path."""
+    with suppress(OSError):
+        return path.is_dir()
+    return False
+
+
+def path_exists(path: Path) -> bool:
+    """Returns whether a path exists; False for a text that is too long for a path."""
+    with suppress(OSError):
+        return path.exists()
+    return False
+
+
 def paths(value: UserValue) -> list[Path]:
     """Checks for a path or several, at least one."""
     if isinstance(value, str | Path):
@@ -308,10 +322,8 @@ def file_named(suffix: str) -> Check:
         file = path(value)
         if ends_as_file(file) and file.suffix.lower() != suffix:
             raise InputError(f"expected a name that ends in {suffix}, got {file}")
-        # A text may be too long for a path.
-        with suppress(OSError):
-            if file.is_dir():
-                raise InputError(f"expected a file, got a folder, {file}")
+        if is_folder(file):
+            raise InputError(f"expected a file, got a folder, {file}")
         return file
 
     return check
@@ -320,11 +332,7 @@ def file_named(suffix: str) -> Check:
 def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; an existing folder may have any name."""
     out = path(value)
-    exists = False
-    # A text may be too long for a path.
-    with suppress(OSError):
-        exists = out.is_dir()
-    if ends_as_file(out) and not exists:
+    if ends_as_file(out) and not is_folder(out):
         raise InputError(
             f"expected a folder, got the name of a file, {shorten(repr(str(out)), 40)}"
         )

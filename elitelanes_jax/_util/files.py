@@ -135,8 +135,8 @@ def new_file(file: Path) -> Iterator[Path]:
     if target.is_symlink():
         # A link that leads to itself stays one.
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(file))
-    # Cut, because a name has at most 255 bytes, and a character up to four.
-    part = target.with_name(f".{target.stem[:20]}-{os.urandom(4).hex()}.part{target.suffix[:12]}")
+    before, after = _affixes_of_parts(target)
+    part = target.with_name(before + os.urandom(4).hex() + after)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield part
@@ -169,6 +169,23 @@ def write_atomic(file: Path, content: bytes | Iterable[bytes]) -> None:
 def write_json(file: Path, values: Plain) -> None:
     """Writes values as JSON, as `new_file` does."""
     write_atomic(file, json.dumps(values, indent=2).encode() + b"\n")
+
+
+def remove_parts(file: Path) -> None:
+    """Removes the parts of a file that kills left in `new_file`.
+
+    No other process may write the file meanwhile.
+    """
+    before, after = _affixes_of_parts(file)
+    for path in file.parent.iterdir():
+        if path.name.startswith(before) and path.name.endswith(after):
+            path.unlink()
+
+
+def _affixes_of_parts(file: Path) -> tuple[str, str]:
+    """Returns how the name of a part of a file begins and ends."""
+    # Cut, because a name has at most 255 bytes, and a character up to four.
+    return f".{file.stem[:20]}-", f".part{file.suffix[:12]}"
 
 
 def free_name(path: Path, name: str) -> Path:

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import TILE_PX, check_named, paths
+from elitelanes_jax._util.checks import TILE_PX, check_named, is_folder, paths
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
@@ -20,7 +20,7 @@ from elitelanes_jax.explorer._shown import (
     setting,
 )
 from elitelanes_jax.formats.dt_layers import is_layers
-from elitelanes_jax.formats.road_map import RoadMap, as_maps, is_folder, read_maps
+from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 

@@ -3,7 +3,6 @@
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, file_named, is_real, is_whole, path
+from elitelanes_jax._util.checks import check_named, file_named, is_folder, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
 from elitelanes_jax._util.progress import announce_at_end
@@ -343,13 +342,6 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
 
 
-def is_folder(source: Path) -> bool:
-    """Returns whether a path is that of a folder; False for a text that is too long for a path."""
-    with suppress(OSError):
-        return source.is_dir()
-    return False
-
-
 def _values_of_folder(folder: Path) -> Plain:
     """Reads the codes and objects of a folder of Duckietown's layers."""
     if not is_layers(folder):
@@ -429,7 +421,7 @@ def _plain(value: UserValue) -> Plain:
         return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    # `item` leaves NumPy's longest float as it is, and JSON cannot hold it.
+    # `item` returns NumPy's longest float unchanged, and JSON cannot hold it.
     if isinstance(value, np.floating):
         return float(value)
     return value.item() if isinstance(value, np.generic) else value

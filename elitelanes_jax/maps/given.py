@@ -6,7 +6,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
-from elitelanes_jax._util.checks import is_whole, path
+from elitelanes_jax._util.checks import is_folder, is_whole, path
 from elitelanes_jax._util.errors import InputError, list_some, pluralize, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input
 from elitelanes_jax._util.progress import announce, announce_at_end
@@ -15,7 +15,6 @@ from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import (
     RoadMap,
     as_maps,
-    is_folder,
     map_to_json,
     read_maps,
     refresh,

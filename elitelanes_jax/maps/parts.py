@@ -1,13 +1,12 @@
 """Runs whose seeds are searched in parts, which `merge` joins."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, none_or, path, paths, real
+from elitelanes_jax._util.checks import check_named, none_or, path, path_exists, paths, real
 from elitelanes_jax._util.errors import InputError, list_some, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
@@ -142,10 +141,7 @@ def order_parts(
 
 
 def _read_record(folder: Path) -> dict[str, Plain]:
-    exists = False
-    # A text may be too long for a path.
-    with suppress(OSError):
-        exists = folder.exists()
+    exists = path_exists(folder)
     # A part that was interrupted has only a hidden folder.
     if not exists and has_unfinished(folder):
         raise InputError(

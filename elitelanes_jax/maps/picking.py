@@ -10,14 +10,14 @@ import jax
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, check_unique, instance, path, paths
+from elitelanes_jax._util.checks import check_named, check_unique, instance, is_folder, path, paths
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import AnyArray, Plain, UserValue
-from elitelanes_jax.formats.road_map import RoadMap, is_folder
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.choosing import choose_enough, describe_source
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import PickSpec

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.files import write_json
+from elitelanes_jax._util.files import remove_parts, write_json
 from elitelanes_jax._util.folders import compare_settings
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.search.result import Result
@@ -41,9 +41,7 @@ class Checkpoint:
         # A kill leaves the part of a file that was written. The folder is locked, so no other
         # process writes it now.
         for file in (_RESULT, _SETTINGS):
-            stem, suffix = file.split(".")
-            for part in self.folder.glob(f".{stem}-*.part.{suffix}"):
-                part.unlink()
+            remove_parts(self.folder / file)
         if not self.kept:
             return None
         hint = "use another folder, or delete this one to start anew"

@@ -1,11 +1,10 @@
 """What a map is furnished with, without JAX."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from elitelanes_jax._util.checks import check_named, flag, one_of, real, split_settings
+from elitelanes_jax._util.checks import check_named, flag, one_of, path_exists, real, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.records import Record, check_names, option
@@ -175,11 +174,8 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
 
 def _words(text: str) -> list[str]:
     """Returns the words of a text. The name of a file may have spaces."""
-    if text.endswith(_FILES):
-        # A text may be too long for a path.
-        with suppress(OSError):
-            if Path(text).exists():
-                return [text]
+    if text.endswith(_FILES) and path_exists(Path(text)):
+        return [text]
     return text.split()
 
 
