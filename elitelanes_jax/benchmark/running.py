@@ -38,8 +38,8 @@ def run(
 
     Args:
       task: the task to run, or its name.
-      search: a generator function; see `SearchFunction`. It is stopped when the task's evaluations are
-        spent. If a batch exceeds a budget, only its first grids count for this budget.
+      search: a generator function; see `SearchFunction`. It is stopped when the task's evaluations
+        are spent. If a batch exceeds a budget, only its first grids count for this budget.
       seeds: their number, or the seeds of NumPy's generators. A submission needs 10 or more.
 
     Raises:

@@ -11,7 +11,7 @@ from elitelanes_jax.cli.program import say
 # The width of the text in characters. 30 of the 43 meanings fit on a line then; with a width of 100
 # it is 25, and some meanings take four lines.
 _WIDTH = 110
-# The width of the column of values, of which the longest has 18 characters.
+# The width of the column of values. The longest value has 18 characters.
 _VALUES_WIDE = 19
 # The width of the column of the first map, whose drawing has 23 characters.
 _SKETCH_WIDE = 28

@@ -194,7 +194,8 @@ def _cut_photographs(
                     photograph, shape, corners_of_file, exact=options.exact, codes=plan
                 )
         except InputError as error:
-            # The tiles of the other photographs took minutes, perhaps, and are not lost.
+            # The tiles of the other photographs are still written, because finding them may have
+            # taken minutes.
             message = str(error)
             named = message if message.startswith(f"{file}: ") else f"{file}: {message}"
             photographs.refused.append(named)

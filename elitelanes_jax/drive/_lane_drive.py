@@ -664,6 +664,7 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     # The target is relative to the robot, ahead and to the left.
     east, north = target.x - state.pose.x, state.pose.y - target.y
     cosine, sine = jnp.cos(state.pose.theta), jnp.sin(state.pose.theta)
+    # Products are rounded before they are added, as in `_step`.
     ahead = rounded(east * cosine) + rounded(north * sine)
     left = rounded(north * cosine) - rounded(east * sine)
     # An arc from the origin, in direction of x, to a point has twice its y over its squared

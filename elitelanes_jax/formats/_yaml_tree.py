@@ -140,7 +140,7 @@ def _take_merged(table: dict[str, Plain], unfilled: list[Plain]) -> list[Mapping
 def _merge(table: dict[str, Plain], merged: list[Mapping[str, Plain]]) -> None:
     """Adds the entries of merged tables to a table.
 
-    The table's own keys override them, wherever its merge key is.
+    The table's own keys override them. The place of the merge key does not matter.
     """
     for other in merged:
         for key, value in other.items():
