@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
-from elitelanes_jax.network import EAST, KINDS, NORTH, SOUTH, WEST, Metrics, Weights, plain_measure
+from elitelanes_jax.network import Metrics, Weights, plain_measure
 from elitelanes_jax.plots import road_map
 from elitelanes_jax.problem import describe_features, features_of
 
@@ -23,6 +23,9 @@ PAGE = Path(__file__).with_suffix(".md")
 EXTREMES = Path(__file__).parents[1] / "elitelanes_jax" / "problem" / "extremes.txt"
 
 SIDE = 12
+
+NORTH, EAST, SOUTH, WEST = 8, 4, 2, 1  # the bits of a tile's code
+STRAIGHTS, TURNS, CROSSINGS = (5, 10), (3, 6, 9, 12), (7, 11, 13, 14, 15)
 
 # The weights of flaws are the usual ones; those of a metric are so small that no flaw is worth it.
 SEARCHED = {
@@ -111,12 +114,12 @@ EXAMPLE = [
 def counted(name: str, grid: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Returns the cells bool ``[H, W]`` that a metric counts; for one of pairs those of each pair."""
     cells = np.zeros(grid.shape, bool)
-    crossing, turn = np.isin(grid, KINDS["crossing3"] + KINDS["crossing4"]), np.isin(grid, KINDS["turn"])
+    crossing, turn = np.isin(grid, CROSSINGS), np.isin(grid, TURNS)
     alone = {
         "crossings": crossing,
         "turns": turn,
-        "straights": np.isin(grid, KINDS["straight"]),
-        "straight_score": np.isin(grid, KINDS["straight"]),
+        "straights": np.isin(grid, STRAIGHTS),
+        "straight_score": np.isin(grid, STRAIGHTS),
         "tiles": grid > 0,
         "edges": grid > 0,
         "empty_cells": grid == 0,

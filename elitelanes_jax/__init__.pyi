@@ -11,9 +11,7 @@ from . import problem as problem
 from . import search as search
 from . import tiles as tiles
 from ._util.errors import InputError as InputError
-from ._util.errors import MissingPackageError as MissingPackageError
 from ._util.errors import NotEnoughMapsError as NotEnoughMapsError
-from ._util.errors import NotEnoughMemoryError as NotEnoughMemoryError
 from ._util.packages import __version__ as __version__
 from ._util.threads import use_cores as use_cores
 from .dataset.make import make_dataset as make_dataset

@@ -1,6 +1,7 @@
 """What all experiments share: command lines, folders of results, tables and figures."""
 
 import argparse
+import csv
 import io
 import json
 import os
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     *("Parser", "Pytree", "Untyped", "add_cores", "bootstrap_interval", "kept", "leave", "open_results", "require"),
-    *("run", "save", "table", "whole", "write"),
+    *("run", "save", "table", "to_csv", "whole", "write"),
 ]
 
 INTERRUPTED = 130
@@ -172,6 +173,15 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> 
     """Makes a Markdown table. All columns after the first `left` are aligned to the right."""
     marks = ["---"] * left + ["---:"] * (len(head) - left)
     return "\n".join("| " + " | ".join(line) + " |" for line in (head, marks, *rows)) + "\n"
+
+
+def to_csv(rows: Sequence[Mapping[str, object]]) -> str:
+    """Makes a CSV table of rows whose first one has all columns."""
+    lines = io.StringIO(newline="")
+    writer = csv.DictWriter(lines, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return lines.getvalue()
 
 
 def save(figure: "Figure", file: Path, dpi: int = 110) -> None:

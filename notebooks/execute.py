@@ -42,6 +42,8 @@ def main(names: list[str]) -> None:
         for cell in notebook.cells:
             for output in cell.get("outputs", ()):
                 pictures = output.get("data", {})
+                # Pictures of Pillow come as PNG and again as JPEG.
+                pictures.pop("image/jpeg", None)
                 if "image/png" in pictures:
                     pictures["image/png"] = _smaller(pictures["image/png"])
         nbformat.write(normalised(notebook), file)

@@ -33,7 +33,9 @@ from elitelanes_jax.dataset import merge_dataset
 from elitelanes_jax.search import parts as search_parts
 from elitelanes_jax.search.keys import check_keys
 from elitelanes_jax.search.resolve import resolve
-from elitelanes_jax.tiles import default_objects, default_tiles, load_tiles, packed
+from elitelanes_jax.tiles import load_tiles, packed
+from elitelanes_jax.tiles.object_set import default_objects
+from elitelanes_jax.tiles.tileset import default_tiles
 
 # When Submitit sets up logging, absl's handler closes the stream that was stderr at its own import: that of pytest.
 os.environ["SUBMITIT_LOG_LEVEL"] = "NOCONFIG"

@@ -24,8 +24,8 @@ from elitelanes_jax._util.npz import npz_bytes, read_npz
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
-from elitelanes_jax.tiles import png_of
 from elitelanes_jax.tiles.files import read_mask
+from elitelanes_jax.tiles.rendering import png_of
 from elitelanes_jax.tiles.tileset import inspect_tiles
 
 CODES = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)

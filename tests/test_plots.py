@@ -16,8 +16,7 @@ from oracle import measure as oracle
 
 from elitelanes_jax import Axis, InputError, repair
 from elitelanes_jax.plots import archive_map, history, road_map, seed_band
-from elitelanes_jax.problem import paper_axes
-from elitelanes_jax.problem.descriptor import niche_index
+from elitelanes_jax.problem.descriptor import niche_index, paper_axes
 from elitelanes_jax.search import History
 
 mpl.use("Agg")

@@ -36,8 +36,8 @@ from elitelanes_jax.benchmark import (
     Submission,
     compute_scores,
     find_task,
+    run_task,
 )
-from elitelanes_jax.benchmark import run as run_search
 from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.drive import (
     Camera,
@@ -85,16 +85,9 @@ from elitelanes_jax.optimizers.interop import qdax_scoring_fn
 from elitelanes_jax.problem import Population, coverage, extreme_maps, insert
 from elitelanes_jax.problem.descriptor import niche_index
 from elitelanes_jax.problem.kernels import with_town_features
-from elitelanes_jax.tiles import (
-    Photograph,
-    inspect_tiles,
-    png_of,
-    propose_masks,
-    propose_tiles,
-    write_png,
-)
+from elitelanes_jax.tiles import Photograph, inspect_tiles, propose_masks, propose_tiles, write_png
 from elitelanes_jax.tiles.contact_sheet import write_text
-from elitelanes_jax.tiles.rendering import scale_tiles
+from elitelanes_jax.tiles.rendering import png_of, scale_tiles
 
 GRID = np.array([[6, 3], [12, 9]])
 FRAME = Photograph("frame", np.zeros((240, 320, 3), np.uint8))
@@ -296,12 +289,12 @@ WRONG = {
     "scale: expected a number over 0, up to 100, got -1": lambda: write_text(
         np.zeros((9, 9, 3), np.uint8), "text", (0, 0), -1, (0, 0, 0)
     ),
-    "seeds: expected each seed once, got 7 2 times": lambda: run_search(TASK, print, [7, 7]),
+    "seeds: expected each seed once, got 7 2 times": lambda: run_task(TASK, print, [7, 7]),
     "submission: task: expected Task, got '5x5A-10000'": lambda: Submission(TASK.name, np.zeros(5)).score(),
     "file: expected a name that ends in .npz, got a.json": lambda: Submission(
         TASK, np.zeros((10, 1, 1, 5, 5), np.int8)
     ).save("a.json"),
-    "seeds: expected a number or several, 0 or more, got []": lambda: run_search(TASK, print, []),
+    "seeds: expected a number or several, 0 or more, got []": lambda: run_task(TASK, print, []),
     "progress: expected True or False, got 'no'": lambda: evolve(0, progress="no"),
     "key: expected a jax.random.key, got Array((2,), dtype=key": lambda: random_grids(seed_keys(0, 2), 3),
     "key: expected a jax.random.key, got Array((3,), dtype=key": lambda: make_levels(seed_keys(0, 3), RING),
@@ -374,7 +367,7 @@ WRONG = {
     "features: mine: expected a function of grid, got one of (grid, other)": lambda: evolve(
         0, features={"mine": lambda grid, other: 0}
     ),
-    "search: expected a function of task, generator, got one of ()": lambda: run_search(TASK, lambda: None, 1),
+    "search: expected a function of task, generator, got one of ()": lambda: run_task(TASK, lambda: None, 1),
     "what: mine: expected maps, grids or files of maps, got None": lambda: collect({"mine": None}),
     "what: mine: no-run: no such file or directory": lambda: collect({"mine": "no-run"}),
     **{

@@ -15,10 +15,12 @@ from elitelanes_jax import InputError, RoadMap, benchmark, drive, ea, load_tiles
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.records import Record
 from elitelanes_jax.explorer._collect import collect
-from elitelanes_jax.maps import FurnishSpec, GenerateSpec, PackSpec, pack
+from elitelanes_jax.maps import GenerateSpec, PackSpec, pack
+from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import interop
-from elitelanes_jax.problem import Population, paper_axes, road_problem
+from elitelanes_jax.problem import Population, road_problem
+from elitelanes_jax.problem.descriptor import paper_axes
 
 ROOMS = [one for name in elitelanes_jax.__all__ if isinstance(one := getattr(elitelanes_jax, name), ModuleType)]
 

@@ -2,7 +2,7 @@
 
 import pcg_benchmark
 
-from elitelanes_jax.benchmark import register_pcg_problems
+from elitelanes_jax.benchmark.interop import register_pcg_problems
 
 register_pcg_problems()  # ['roads-v0', 'roads-filled-v0', 'roads-large-v0']
 env = pcg_benchmark.make("roads-v0")

@@ -10,9 +10,8 @@ from qdax.utils.metrics import default_qd_metrics
 from elitelanes_jax import road_problem
 from elitelanes_jax.optimizers.interop import qdax_centroids, qdax_moves, qdax_scoring_fn
 from elitelanes_jax.plots import road_map
-from elitelanes_jax.problem import tuned_axes
 
-problem = road_problem((12, 12), tuned_axes((12, 12)), fill=True)
+problem = road_problem((12, 12), "tuned", fill=True)
 mutate, vary = qdax_moves(problem)
 emitter = MixingEmitter(mutate, vary, variation_percentage=0.5, batch_size=64)
 search = MAPElites(qdax_scoring_fn(problem), emitter, partial(default_qd_metrics, qd_offset=0.0))

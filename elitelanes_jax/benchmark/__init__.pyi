@@ -1,11 +1,10 @@
+from . import interop as interop
 from .measuring import Measured as Measured
-from .pcg import register_pcg_problems as register_pcg_problems
-from .running import run as run
+from .running import run_task as run_task
 from .scores import Scores as Scores
 from .scores import compute_scores as compute_scores
 from .scores import confidence_interval as confidence_interval
 from .submissions import Submission as Submission
-from .tasks import BUDGETS as BUDGETS
 from .tasks import SIZES as SIZES
 from .tasks import Task as Task
 from .tasks import find_task as find_task

@@ -18,7 +18,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.benchmark.measuring import Measured, measure_grids
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission
-from elitelanes_jax.benchmark.tasks import BUDGETS, Task, find_task
+from elitelanes_jax.benchmark.tasks import Task, find_task
 
 SearchFunction = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
 """A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
@@ -28,7 +28,7 @@ _ENDED = object()
 
 
 @name_wrong_arguments
-def run(
+def run_task(
     task: Task | str, search: SearchFunction, seeds: int | Iterable[int] = LEAST_RUNS
 ) -> Submission:
     """Runs a search once for each seed, and keeps the best grid of each niche at every budget.
@@ -86,11 +86,10 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
             "search: expected a generator function, which yields grids, "
             f"got {shorten(repr(search))}"
         )
-    budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
     archive = _Archive(task)
     at_budgets: list[Int8[np.ndarray, "N H W"]] = []
     spent, batch = 0, next(search, _ENDED)
-    while batch is not _ENDED and len(at_budgets) < len(budgets):
+    while batch is not _ENDED and len(at_budgets) < len(task.budgets):
         codes = _check(task, batch)
         measured = measure_grids(codes, fill=task.fill)
         # The grids are counted one at a time, because a budget may be spent within a batch.
@@ -98,7 +97,7 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
             archive.insert(codes[number], measured, number)
             # Every grid is an evaluation, also a flawed one or one that came already.
             spent += 1
-            if len(at_budgets) < len(budgets) and spent == budgets[len(at_budgets)]:
+            if len(at_budgets) < len(task.budgets) and spent == task.budgets[len(at_budgets)]:
                 # The archive changes with the next grid, so a copy is kept.
                 at_budgets.append(archive.grids.copy())
         try:
@@ -106,7 +105,7 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
         except StopIteration:
             batch = _ENDED
     search.close()
-    while len(at_budgets) < len(budgets):
+    while len(at_budgets) < len(task.budgets):
         # The search ended before it had spent its budget.
         at_budgets.append(archive.grids)
     return np.stack(at_budgets)

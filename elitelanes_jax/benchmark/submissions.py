@@ -128,8 +128,7 @@ def _check(source: str, task: Task, grids: np.ndarray, least: int) -> None:
         raise InputError(
             f"{source}: expected grids of at most {_MOST_BYTES:,} bytes, got {grids.nbytes:,}"
         )
-    # A run is scored at its own budget and at all lower ones.
-    budgets = sum(budget <= task.evaluations for budget in BUDGETS)
+    budgets = len(task.budgets)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
     if grids.ndim != 5 or grids.shape[1] != budgets or grids.shape[3:] != task.shape:
         raise InputError(

@@ -16,7 +16,7 @@ VERSION = 1
 """The version of tasks and scores. Scores of different versions are not comparable."""
 
 BUDGETS = (10_000, 100_000, 1_000_000)
-"""The budgets of a run, in evaluations. A run is also scored at all lower budgets."""
+"""The budgets that a task may have, in evaluations."""
 
 # fmt: off
 SIZES = (
@@ -54,10 +54,15 @@ class Task(NamedTuple):
     networks: NDArray[np.int_]
     witnesses: NDArray[np.int8]
 
+    @property
+    def budgets(self) -> tuple[int, ...]:
+        """The budgets at which a run is scored, ascending: its own and all lower ones."""
+        return tuple(budget for budget in BUDGETS if budget <= self.evaluations)
+
 
 @name_wrong_arguments
 def find_task(name: str) -> Task:
-    """Returns a task by name: one of `SIZES`, a hyphen, one of `BUDGETS`.
+    """Returns a task by name: one of `SIZES`, a hyphen, 10000, 100000 or 1000000.
 
     Raises:
       InputError: for any other name.

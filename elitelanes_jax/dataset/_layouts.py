@@ -167,7 +167,7 @@ class Layout(NamedTuple):
 def find_layout(name: str) -> Layout:
     """Returns a layout by its name.
 
-    Raises `MissingPackageError` if a package that the layout needs is not installed.
+    Raises `InputError` if a package that the layout needs is not installed.
     """
     layout = LAYOUTS[name]
     # A missing package is an error before work is done for this layout.

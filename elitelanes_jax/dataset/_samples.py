@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, whole
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.checks import check_named, instance, none_or, whole
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._robot_views import (
     Viewpoint,
     draw_viewpoint,
@@ -19,7 +19,12 @@ from elitelanes_jax.dataset._robot_views import (
     see_labels,
 )
 from elitelanes_jax.dataset._tiled_maps import TiledMap, can_tile, see_tiled_labels
-from elitelanes_jax.dataset._transforms import Transforms, Viewpoints
+from elitelanes_jax.dataset._transforms import (
+    Transforms,
+    Viewpoints,
+    parse_transforms,
+    parse_viewpoints,
+)
 from elitelanes_jax.dataset._variation import (
     compress,
     varies,
@@ -71,8 +76,8 @@ def draw_sample(
     *,
     seed: int = 0,
     tile_px: int = 64,
-    transforms: Transforms = Transforms(),
-    camera: Viewpoints | None = None,
+    transforms: UserValue = "none",
+    camera: UserValue = None,
     objects: ObjectSet | None = None,
 ) -> Sample:
     """Draws a map with tiles of a set in one view. All choices depend on `seed` and `index` alone.
@@ -83,8 +88,10 @@ def draw_sample(
       index: the index of the sample, 0 or more.
       seed: the seed of the dataset.
       tile_px: side of a tile in pixels.
-      transforms: the ranges of views.
-      camera: the ranges of views from a robot on the lanes; by default views are from above.
+      transforms: the ranges of views, as `DatasetSpec` takes them: ``"standard"``, or settings such
+        as ``{"noise": 4}``.
+      camera: the ranges of views from a robot on the lanes, as `DatasetSpec` takes them, such as
+        ``{"rows": 120}``; by default views are from above.
       objects: whose pictures to draw the map's objects with; None to leave them out.
 
     Raises:
@@ -93,6 +100,8 @@ def draw_sample(
     """
     index = check_named("index", whole(0), index)
     check_named("tiles", instance(TileSet), tiles)
+    ranges: Transforms = check_named("transforms", parse_transforms, transforms)
+    viewpoints: Viewpoints | None = check_named("camera", none_or(parse_viewpoints), camera)
     tile_px = check_tile_px(tile_px)
     # Each purpose has random numbers of its own, by the last number of its seed. Therefore no
     # choice changes another one.
@@ -104,25 +113,25 @@ def draw_sample(
         pictures = objects.choose(drawn, [seed, index, 2])
     scene = _Scene(road_map, tiles, choice.choose([seed, index]), tile_px, drawn, pictures)
     rng = np.random.default_rng([seed, index, 1])
-    if camera is None:
-        shot = _see_from_above(rng, scene, transforms)
+    if viewpoints is None:
+        shot = _see_from_above(rng, scene, ranges)
     else:
-        shot = _see_from_robot(rng, scene, transforms, camera)
+        shot = _see_from_robot(rng, scene, ranges, viewpoints)
     ground, about = shot.ground, shot.about
     layers = {"image": ground.image, "labels": ground.labels}
     instances: dict[str, NDArray[np.uint16]] = {}
-    if transforms.background:
+    if ranges.background:
         # The background is drawn before objects are pasted, so that it never covers them.
         behind = np.random.default_rng([seed, index, 3])
         bare = ~ground.paved & ~ground.sky
-        layers["image"] = vary_background(behind, ground.image, bare, ground.sky, transforms)
+        layers["image"] = vary_background(behind, ground.image, bare, ground.sky, ranges)
     if objects is not None:
         # Arrays may be shared with the rendered map.
         layers = {name: layer.copy() for name, layer in layers.items()}
         instances["instances"], listed = _paste(layers, scene, shot)
         about = about | {"objects": listed}
     # Light, blur, noise and compression come last, because they change objects too.
-    layers["image"] = _expose(layers["image"], shot.view, transforms, [seed, index, 4])
+    layers["image"] = _expose(layers["image"], shot.view, ranges, [seed, index, 4])
     # The classes are counted in the labels after objects were pasted.
     record = _describe(scene, shot.view, layers["labels"], index, about)
     return Sample({**layers, **instances}, record)

@@ -23,8 +23,6 @@ from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
 from ._scene_making import make_scenes as make_scenes
 from ._scene_making import make_sight as make_sight
-from ._scenes import Scenes as Scenes
-from ._variation import VARIED as VARIED
 from ._variation import Variation as Variation
 from ._vectors import gymnasium_vector_env as gymnasium_vector_env
 from ._vectors import puffer_env as puffer_env

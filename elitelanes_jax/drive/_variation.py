@@ -9,7 +9,7 @@ colours use is computed by `once`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -108,23 +108,25 @@ class Variation(Record):
     blur: Numeric = traced(None, none_or(real(0, 1)))
     noise: Numeric = traced(None, none_or(real(0, 64)))
 
+    @classmethod
+    def varied(cls) -> Self:
+        """Returns the ranges of ``dataset --transform varied``, without its compression."""
+        return cls(
+            horizon=1,
+            background=0.8,
+            shadow=0.6,
+            vignette=0.5,
+            gamma=0.6,
+            saturation=0.5,
+            warmth=0.2,
+            light=0.3,
+            contrast=0.4,
+            colour=0.1,
+            motion=2,
+            blur=0.8,
+            noise=8,
+        )
 
-VARIED = Variation(
-    horizon=1,
-    background=0.8,
-    shadow=0.6,
-    vignette=0.5,
-    gamma=0.6,
-    saturation=0.5,
-    warmth=0.2,
-    light=0.3,
-    contrast=0.4,
-    colour=0.1,
-    motion=2,
-    blur=0.8,
-    noise=8,
-)
-"""The ranges of ``dataset --transform varied`` without its compression."""
 
 HORIZONS = np.array([(115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235)], np.float32)
 """Gym-duckietown's horizons: a blue sky, a wall, darkness, a white hall; RGB."""

@@ -28,8 +28,7 @@ def show(what: UserValue, *, tile_px: int = 64) -> Untyped:
       The widget.
 
     Raises:
-      InputError: as `explore`.
-      MissingPackageError: without anywidget.
+      InputError: as `explore`, or without anywidget.
     """
     # The widget receives what the page has in itself.
     payload = collect(what, tile_px=tile_px)

@@ -2,12 +2,9 @@ from .duckietown import without_dead_ends as without_dead_ends
 from .graph import tile_graph as tile_graph
 from .objects import OBJECT_KINDS as OBJECT_KINDS
 from .objects import MapObject as MapObject
-from .objects import ObjectKind as ObjectKind
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import read_map as read_map
-from .scenarionet import index_scenarios as index_scenarios
 from .sumo import to_sumo_trips as to_sumo_trips
-from .table import table_to_csv as table_to_csv

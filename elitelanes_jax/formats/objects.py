@@ -77,7 +77,10 @@ OBJECT_KINDS: dict[str, ObjectKind] = {
     "sign_street_name": ObjectKind(0.18, 0.056, 0.183),
     "other": ObjectKind(0.1, 0.1, 0.1),
 }
-"""The kinds of objects by name.
+"""The kinds of objects by name, each with its size in metres.
+
+A kind has a `height`, the `length` of its footprint along the object's direction, the `width`
+across it, and `is_round` if the footprint is a disc.
 
 Names are those of gym-duckietown and duckietown-world, except for "other".
 """

@@ -77,8 +77,7 @@ class Plan(NamedTuple):
           file: a name that ends in .pdf, .svg or .png; an existing file is replaced.
 
         Raises:
-          InputError: for another ending.
-          MissingPackageError: without matplotlib.
+          InputError: for another ending, or without matplotlib.
           OSError: if the file cannot be written.
         """
         # Pages import matplotlib.

@@ -2,7 +2,6 @@ from .exporting import FormatOptions as FormatOptions
 from .exporting import export as export
 from .furnishing.floors import floor_size as floor_size
 from .furnishing.placing import furnish as furnish
-from .furnishing.spec import FurnishSpec as FurnishSpec
 from .generation import generate as generate
 from .packing import pack as pack
 from .parts import merge as merge

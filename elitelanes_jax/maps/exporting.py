@@ -343,8 +343,8 @@ def export(
 
     Raises:
       InputError: for another format, a setting that the format does not have, a bad map, or a map
-        that the format cannot hold; the message says which.
-      MissingPackageError: if a package that the format needs is not installed.
+        that the format cannot hold; the message says which. Also if a package that the format
+        needs is not installed.
     """
     target = FORMATS[check_named("to", one_of(*FORMATS), to)]
     settings = check_named("options", instance(FormatOptions), options)

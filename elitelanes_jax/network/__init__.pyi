@@ -4,11 +4,6 @@ from .batches import vmap_in_blocks as vmap_in_blocks
 from .bits import bernoulli as bernoulli
 from .bits import randint as randint
 from .bits import random_grids as random_grids
-from .codes import EAST as EAST
-from .codes import KINDS as KINDS
-from .codes import NORTH as NORTH
-from .codes import SOUTH as SOUTH
-from .codes import WEST as WEST
 from .likeness import difference as difference
 from .metrics import measure as measure
 from .plain_metrics import plain_measure as plain_measure

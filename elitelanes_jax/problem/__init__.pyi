@@ -3,14 +3,9 @@ from .archive import coverage as coverage
 from .archive import insert as insert
 from .archive import qd_score as qd_score
 from .descriptor import Axis as Axis
-from .descriptor import paper_axes as paper_axes
-from .descriptor import tuned_axes as tuned_axes
 from .extremes import describe_features as describe_features
 from .extremes import extreme_maps as extreme_maps
-from .extremes import feature_range as feature_range
 from .extremes import features_of as features_of
-from .kernels import Fitness as Fitness
-from .kernels import Kernel as Kernel
 from .problem import Evaluation as Evaluation
 from .problem import Problem as Problem
 from .road import road_problem as road_problem

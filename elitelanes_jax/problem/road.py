@@ -29,7 +29,7 @@ from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import align, materialize
 from elitelanes_jax.problem.archive import vacant_fitness
-from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes
+from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes, tuned_axes
 from elitelanes_jax.problem.features import (
     LARGEST_FITNESS,
     SHARES,
@@ -56,6 +56,9 @@ _STATIC = {"static": True}
 # The numbers of a problem are arrays, or their shapes and dtypes alone, by which programs are
 # looked up.
 _Numbers: TypeAlias = Untyped
+
+# The axes that have a name.
+_NAMED_AXES = {"paper": paper_axes, "tuned": tuned_axes}
 
 
 @jax.tree_util.register_dataclass
@@ -102,7 +105,7 @@ class RoadProblem:
 @name_wrong_arguments
 def road_problem(
     shape: tuple[int, int] = (12, 12),
-    axes: UserValue = None,
+    axes: UserValue = "paper",
     *,
     alphabet: Iterable[int] | None = None,
     weights: Weights = Weights(),
@@ -118,14 +121,14 @@ def road_problem(
 ) -> Problem:
     """Makes the paper's problem: road networks of one size.
 
-    A grid is refused if a feature or the fitness of the user is out of range or not a number (see
-    `Kernel` and `Fitness`), or if the sizes of the weighted features add up to over 2**29. It has
-    the fitness of a vacant slot and becomes no elite.
+    A grid is refused if a feature of the user has a size of 2**30 or more, if the user's fitness is
+    out of range or not a number, or if the sizes of the weighted features add up to over 2**29. It
+    has the fitness of a vacant slot and becomes no elite.
 
     Args:
       shape: (height, width), each at least 2.
-      axes: axes of the descriptor space, such as ``"cyclomatic:8"`` or several `Axis`; by default
-        `paper_axes`.
+      axes: axes of the descriptor space, such as ``"cyclomatic:8"`` or several `Axis`; "paper" for
+        the paper's 400 niches, or "tuned" for these with narrower bins and with targets.
       alphabet: the codes to draw from, by default all tiles with two or more connections. A
         repaired grid may hold others: `dead_ends` and `coverage` count stubs and empty cells,
         `off_alphabet` any other code.
@@ -140,10 +143,10 @@ def road_problem(
         may be omitted.
       feature_weights: int ``[K]``, weights of these features in the fitness, in the order of
         `measured`; may be traced. By default 0.
-      features: kernels of the user's features, by name: letters, digits and _, and no name of
-        another feature.
-      fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of
-        ranges is added.
+      features: the user's features by name: functions of one grid, int8 ``[H, W]``, that return a
+        whole number. A name has letters, digits and _, and is not that of another feature.
+      fitness: a fitness of the user, see `elitelanes_jax.evolve`, which replaces the weighted sum
+        or uses it. The penalty of ranges is added.
       fix: cells that never change: rows of codes, with None for a free cell, or the path of a JSON
         file with them.
       initial: int8 ``[N, H, W]``, grids that every run starts from.
@@ -162,8 +165,8 @@ def road_problem(
     else:
         alphabet = check_alphabet(alphabet)
     features = check_kernels(features, shape)
-    if axes is None:
-        axes = paper_axes(shape)
+    if isinstance(axes, str) and axes in _NAMED_AXES:
+        axes = _NAMED_AXES[axes](shape)
     else:
         axes = resolve_axes(axes, shape, features)
     ranges = parse_ranges(where, features)

@@ -94,8 +94,11 @@ def evolve(
       features: your own features by name: functions of one grid, int8 ``[H, W]``, that return an
         integer scalar, less than 2**30 in size. `where`, `axes` and `weights` can use their names.
         They are compiled, so they must be pure.
-      fitness: your own fitness: a function of any of the arguments ``metrics``, ``features``,
-        ``grid`` and ``usual``, that returns a scalar; see `Fitness`.
+      fitness: your own fitness, where lower is better: a function that returns an integer scalar,
+        at most 2**29 in size, or a float scalar. It takes any of these arguments by name:
+        ``metrics``, the `Metrics` of a grid; ``features``, all features that the search measures,
+        by name, with shares in thousandths; ``grid``, int8 ``[H, W]``; and ``usual``, int32, the
+        weighted sum of features that is the fitness by default.
         ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual fitness. Ranges in
         `where` add their penalty to it. A grid with a feature or a fitness that is out of range, or
         not a number, becomes no elite; the history counts these grids. A result without any elite
@@ -119,7 +122,7 @@ def evolve(
       SearchInterrupted: at Ctrl-C, after the first generation; a `KeyboardInterrupt` whose
         ``result`` is the result so far. A checkpoint has this result too, if the search took ten
         seconds.
-      NotEnoughMemoryError: a `MemoryError`, if the search does not fit into the free memory.
+      MemoryError: if the search does not fit into the free memory.
     """
     shape = check_shape(shape, new=True)
     # Functions are no options: a specification is plain, so it has only the names of the features.

@@ -111,7 +111,7 @@ def compile_search(search: Search, keys: SearchKeys) -> None:
     Call it in another thread, for instance.
 
     Raises:
-      NotEnoughMemoryError: as `evolve`.
+      MemoryError: as `evolve`.
     """
     run = prepare_search(search, keys, Extensions(), choose_devices())
     facts = run.programs.facts

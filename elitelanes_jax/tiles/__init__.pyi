@@ -1,9 +1,7 @@
 from .files import Tile as Tile
 from .masking import mask_folder as mask_folder
 from .masking import propose_masks as propose_masks
-from .object_set import ObjectPictures as ObjectPictures
 from .object_set import ObjectSet as ObjectSet
-from .object_set import default_objects as default_objects
 from .object_set import draw_tag as draw_tag
 from .object_set import load_objects as load_objects
 from .photographs.cutting import Cut as Cut
@@ -17,11 +15,9 @@ from .rendering import LABEL_COLOURS as LABEL_COLOURS
 from .rendering import LABELS as LABELS
 from .rendering import Picture as Picture
 from .rendering import choose_tiles as choose_tiles
-from .rendering import png_of as png_of
 from .rendering import render as render
 from .rendering import write_png as write_png
 from .tag_pages import write_tags as write_tags
 from .tileset import TileSet as TileSet
-from .tileset import default_tiles as default_tiles
 from .tileset import inspect_tiles as inspect_tiles
 from .tileset import load_tiles as load_tiles

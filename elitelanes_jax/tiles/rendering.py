@@ -324,7 +324,8 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
 def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
     """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``.
 
-    Raises `InputError` for another suffix, or pixels that `png_of` refuses.
+    Raises `InputError` for another suffix, values that are not uint8 or uint16, another shape, or no
+    pixel.
     """
     target = check_named("file", file_named(".png"), file)
     content = png_of(pixels)

@@ -23,7 +23,6 @@ from jaxtyping import Array, Int8, Key
 
 from elitelanes_jax import random_grids, repair
 from elitelanes_jax.drive import (
-    VARIED,
     Camera,
     Environment,
     LaneDrive,
@@ -31,7 +30,6 @@ from elitelanes_jax.drive import (
     Pose,
     RoadNav,
     RoadNavParams,
-    Scenes,
     Sight,
     Variation,
     auto_reset,
@@ -94,7 +92,7 @@ def measured(count: int, batch: int) -> Iterator[tuple[str, Begin, Step]]:
     yield "views 64 x 48, one sample", *_of_views(scenes, batch, Camera(), Variation(), samples=1)
     large = Camera(rows=120, columns=160)
     yield "views 160 x 120, four samples", *_of_views(scenes, batch, large, Variation(), samples=2)
-    yield "views 160 x 120, four samples, varied", *_of_views(scenes, batch, large, VARIED, samples=2)
+    yield "views 160 x 120, four samples, varied", *_of_views(scenes, batch, large, Variation.varied(), samples=2)
 
 
 def steps_of(step: Step, batch: int, steps: int) -> Callable[[Key[Array, ""], Pytree], tuple[Pytree, Array]]:
@@ -160,7 +158,7 @@ def _of_the_camera(grids: Int8[Array, "B H W"], sight: Sight, *, inside: bool) -
     return begin, step
 
 
-def _of_views(scenes: Scenes, batch: int, camera: Camera, variation: Variation, *, samples: int) -> tuple[Begin, Step]:
+def _of_views(scenes: Pytree, batch: int, camera: Camera, variation: Variation, *, samples: int) -> tuple[Begin, Step]:
     def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
         return state, views(keys[0], scenes, batch, camera=camera, variation=variation, samples=samples)
 

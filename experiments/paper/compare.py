@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from elitelanes_jax import __version__
-from elitelanes_jax.formats import RoadMap, table_to_csv
+from elitelanes_jax.formats import RoadMap
 from elitelanes_jax.network import Metrics
 from elitelanes_jax.search import use_compile_cache
 from elitelanes_jax.tiles import load_tiles, render
-from experiments.common import Parser, add_cores, leave, open_results, run, save, whole, write
+from experiments.common import Parser, add_cores, leave, open_results, run, save, to_csv, whole, write
 from experiments.paper.figures import plot_comparison
 from experiments.paper.published import SHAPE
 from experiments.paper.readings import READINGS
@@ -90,7 +90,7 @@ def _compare(options: argparse.Namespace) -> None:
         tables.append(make_tables(of_size, title))
         times.append(timing_table(timings, title, settings.seeds))
         rows += of_size
-    write(options.out / "results.csv", table_to_csv([row.flat() for row in rows]))
+    write(options.out / "results.csv", to_csv([row.flat() for row in rows]))
     write(options.out / "tables.md", "\n".join(tables))
     write(options.out / "timing.md", "\n".join(times))
     if not options.no_maps:

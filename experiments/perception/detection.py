@@ -26,7 +26,6 @@ from PIL import Image
 from elitelanes_jax import SearchSpec, __version__
 from elitelanes_jax.dataset import DatasetSpec, make_dataset
 from elitelanes_jax.search import use_compile_cache
-from elitelanes_jax.tiles import default_objects
 from experiments.common import Parser, leave, open_results, require, run, table, whole, write
 from experiments.perception.draw_objects import draw_all
 from experiments.perception.gym_duckietown.world import PYTHON, World, random_poses, read_maps
@@ -46,6 +45,7 @@ SIZES = {
 }
 """Ranges of boxes' sizes by their words: the roots of the boxes' areas, in pixels. The first one is the main result."""
 
+_REPOSITORY = Path(__file__).parents[2]
 _ROWS, _COLUMNS = 192, 256
 _BATCH = 4  # pictures a step
 _LEARNED = 4  # the least size of boxes in training
@@ -158,7 +158,7 @@ def _draw(folder: Path, firsts: Sequence[int]) -> Path:
     if not folder.exists():
         part = folder.with_name(f".{folder.name}")
         shutil.rmtree(part, ignore_errors=True)
-        shutil.copytree(default_objects(), part, ignore=shutil.ignore_patterns(*(f"{kind}_?" for kind in KINDS)))
+        shutil.copytree(_REPOSITORY / "objects", part, ignore=shutil.ignore_patterns(*(f"{kind}_?" for kind in KINDS)))
         for first in firsts:
             draw_all(part, KINDS, first)
         part.rename(folder)

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.formats import OBJECT_KINDS, ObjectKind
+from elitelanes_jax.formats import OBJECT_KINDS
 from elitelanes_jax.tiles import draw_tag
 from experiments.common import Parser, leave, run
 
@@ -520,7 +520,7 @@ def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag"), first: 
             pictures = {"top": np.dstack([tag_face(8), np.full((96, 96), 255, np.uint8)])}
             if size.height:
                 model = drawn.make(np.random.default_rng([index, variant]))
-                pictures = _views(model, size, drawn)
+                pictures = _views(model, kind, drawn)
             for name, pixels in pictures.items():
                 file = place / f"{name}.png"
                 if not cv2.imwrite(str(file), cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGRA), _SMALL):
@@ -530,7 +530,8 @@ def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag"), first: 
             (place / "object.toml").write_text(about, encoding="utf-8")
 
 
-def _views(model: Model, size: ObjectKind, drawn: Kind) -> dict[str, NDArray[np.uint8]]:
+def _views(model: Model, kind: str, drawn: Kind) -> dict[str, NDArray[np.uint8]]:
+    size = OBJECT_KINDS[kind]
     height = drawn.height or size.height
     length, width = (side / 2 * height / size.height for side in (size.length, size.width))
     pictures = {}

@@ -78,10 +78,10 @@ def _start(command: Sequence[str | Path], environment: Mapping[str, str]) -> Non
 def _draw_views(file: Path, pictures: int) -> None:
     import jax
 
-    from elitelanes_jax.drive import VARIED, Camera, make_scenes, views
+    from elitelanes_jax.drive import Camera, Variation, make_scenes, views
 
     camera = Camera(rows=120, columns=160)
-    drawn = views(jax.random.key(0), make_scenes([_MAP]), pictures, camera=camera, variation=VARIED)
+    drawn = views(jax.random.key(0), make_scenes([_MAP]), pictures, camera=camera, variation=Variation.varied())
     poses = np.stack(drawn.poses, axis=1)
     np.savez(file, images=drawn.images, labels=drawn.labels, lanes=drawn.lanes, poses=poses)
 

@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.dataset import DatasetSpec
 from elitelanes_jax.search import use_compile_cache
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, load_tiles
 from experiments.common import Parser, leave, require, run, table, whole, write
@@ -26,7 +25,7 @@ __all__ = ["main"]
 
 _TILE_PX, _STEPS, _DRAWINGS, _TESTED = 64, 1500, 300, 32
 
-_VIEWS = (DatasetSpec(transforms="varied").transforms, DatasetSpec().transforms)  # type: ignore[arg-type]
+_VIEWS = ("varied", "standard")
 _SHIFTS = np.linspace(-0.07, 0.07, 8).tolist()  # of the white lines, in tiles; every second set has blended tiles
 
 DECISIONS = {"as trained": None, "lines thinner": 0.75}

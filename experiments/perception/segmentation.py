@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import __version__
-from elitelanes_jax.formats import table_to_csv
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.search import use_compile_cache
 from elitelanes_jax.tiles import LABELS, load_tiles
-from experiments.common import Parser, kept, leave, open_results, require, run, save, whole, write
+from experiments.common import Parser, kept, leave, open_results, require, run, save, to_csv, whole, write
 from experiments.perception.report import Row, make_tables, plot
 from experiments.perception.training_sets import (
     CONDITIONS,
@@ -102,7 +101,7 @@ def _run(options: argparse.Namespace) -> None:
             found = [Row(*row) for row in kept(file, partial(_train, name, seed, maps, pictures, budget))]
             rows += found
             print(f"{name}, seed {seed}: mean IoU", *(f"{row.test} {row.mean:.3f}" for row in found), flush=True)
-    write(options.out / "segmentation.csv", table_to_csv([row.flat() for row in rows]))
+    write(options.out / "segmentation.csv", to_csv([row.flat() for row in rows]))
     write(options.out / "segmentation.md", make_tables(rows, f"{budget.steps} steps of {budget.batch} crops"))
     save(plot(rows), options.out / "segmentation.png")
     print(f"{len(rows)} rows in {options.out / 'segmentation.csv'}, {time.perf_counter() - began:.0f} s")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax import InputError, SearchSpec, evolve
-from elitelanes_jax.dataset import DatasetSpec, Transforms, draw_sample
+from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.formats import RoadMap
 from elitelanes_jax.network import rotate
 from elitelanes_jax.network.wfc import generate_batch
@@ -34,7 +34,6 @@ SOURCES = ("map-elites", "ea", "wfc")
 """The sources of maps."""
 
 SIDE, TILE_PX = 8, 32
-_STANDARD = DatasetSpec().transforms
 _WHITE_LINE = 0.12  # tiles from a tile's side to the middle of its white line
 
 
@@ -46,7 +45,7 @@ class Condition(NamedTuple):
       source: of the maps, one of `SOURCES`.
       maps: number of maps.
       drawings: number of pictures. All maps are drawn equally often.
-      transforms: the variation of views.
+      transforms: the variation of views, see `DatasetSpec`.
       one_picture: whether each kind of tile has one picture only.
     """
 
@@ -54,7 +53,7 @@ class Condition(NamedTuple):
     source: str
     maps: int
     drawings: int
-    transforms: Transforms = _STANDARD
+    transforms: str = "standard"
     one_picture: bool = False
 
 
@@ -69,7 +68,7 @@ CONDITIONS = {
     "drawings-10": Condition("10 maps", "map-elites", 10, 10),
     "drawings-100": Condition("100 maps", "map-elites", 100, 100),
     "one-picture": Condition("1000 maps, one picture a kind", "map-elites", 1000, 1000, one_picture=True),
-    "no-views": Condition("1000 maps, plain views", "map-elites", 1000, 1000, Transforms()),
+    "no-views": Condition("1000 maps, plain views", "map-elites", 1000, 1000, "none"),
 }
 """The conditions by name. Maps are of MAP-Elites unless the words name another source."""
 
@@ -166,7 +165,7 @@ def draw_maps(
     sets: Sequence[TileSet],
     seed: int,
     tile_px: int = TILE_PX,
-    views: Sequence[Transforms] = (_STANDARD,),
+    views: Sequence[str] = ("standard",),
 ) -> Pictures:
     """Draws each map once; views take turns, and after each round of them the tile sets."""
     samples = [

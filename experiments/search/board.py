@@ -5,9 +5,9 @@
     python -m experiments.search.board --table [--out DIR]
 
 A row runs on each task: one of the board's, or a Python file of yours with a function `search` as
-`elitelanes_jax.benchmark.run` takes it. The program writes its raw archive, which `elitelanes score` measures, and its
-scores. `--table` writes a table of the published scores and of the rows in the folder, the same as data, and a picture.
-QDax, evosax and pyribs come with the extra `interop`.
+`elitelanes_jax.benchmark.run_task` takes it. The program writes its raw archive, which `elitelanes score` measures, and
+its scores. `--table` writes a table of the published scores and of the rows in the folder, the same as data, and a
+picture. QDax, evosax and pyribs come with the extra `interop`.
 
 All grids that a search evaluates are offered to a record of the best network of each niche, which the search does not
 see. The record of the tuned EA has the grids that its chains move to.
@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, benchmark
 from elitelanes_jax.benchmark import (
-    BUDGETS,
     SIZES,
     Scores,
     Submission,
@@ -129,21 +128,20 @@ def _find_row(name: str) -> tuple[str, Row]:
         raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py with a function search, got {name}")
 
     def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
-        return benchmark.run(task, search, seeds).grids
+        return benchmark.run_task(task, search, seeds).grids
 
     return file.stem, Row(file.stem, play)
 
 
 def _measure_row(name: str, row: Row, task: Task, runs: int, out: Path) -> None:
     """Runs a row on a task; writes its raw archive and its scores."""
-    budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
     began = time.process_time()
-    submission = Submission(task, row.play(task, range(runs), budgets))
+    submission = Submission(task, row.play(task, range(runs), task.budgets))
     seconds = time.process_time() - began
     _, scores = submission.score()
     of_runs = scores._asdict() | {"graded": submission.grade()}
     submission.save(out / f"{name}-{task.name}.npz")
-    record: Record = {"row": name, "task": task.name, "evaluations": budgets, "seconds": round(seconds, 1)}
+    record: Record = {"row": name, "task": task.name, "evaluations": list(task.budgets), "seconds": round(seconds, 1)}
     for field, values in of_runs.items():
         rounded = np.round(values, 4).astype(object)
         rounded[np.isnan(values)] = None  # JSON has no NaN
@@ -198,7 +196,8 @@ def _write_board(board: Board, out: Path) -> None:
 def _table(board: Board) -> str:
     about = "Means of the runs, with bootstrap intervals of 95 %. [The searches](../../../docs/benchmark.md#board)."
     parts = ["# The board", about]
-    for size, budget in product(_sizes(board), BUDGETS):
+    budgets = sorted({place.evaluations for place in board})
+    for size, budget in product(_sizes(board), budgets):
         lines = [
             [_title(place.row), *(_cell(scores.get(field)) for field in FIELDS)]
             for place, scores in board.items()

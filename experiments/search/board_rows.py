@@ -34,7 +34,7 @@ from elitelanes_jax.optimizers.interop import (
     qdax_scoring_fn,
     ribs_archive_space,
 )
-from elitelanes_jax.problem import Population, Problem, insert, road_problem, tuned_axes
+from elitelanes_jax.problem import Population, Problem, insert, road_problem
 from elitelanes_jax.search import MeasuredElites
 from experiments.common import Pytree, Untyped
 
@@ -72,15 +72,15 @@ def _in_jax(make: Callable[[Problem], Optimizer]) -> Play:
     """Runs a loop in JAX. `make` returns an optimiser for a problem; its first state is one batch."""
 
     def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
-        axes = tuned_axes(task.shape)
-        batch = make(road_problem(task.shape, axes, fill=task.fill)).evaluations_per_step
+        problem = road_problem(task.shape, "tuned", fill=task.fill)
+        batch = make(problem).evaluations_per_step
         keys, state, done, archives = seed_keys(0, seeds.stop)[seeds.start :], None, 1, []
         for budget in budgets:
             result = evolve(
                 keys,
                 task.shape,
                 fill=task.fill,
-                axes=axes,
+                axes=problem.axes,
                 optimizer=make,
                 generations=budget // batch - done,
                 state=state,
@@ -269,7 +269,7 @@ def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
     """Runs pyribs's loop. `make` returns, for a problem and a seed, a scheduler and what makes grids."""
 
     def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
-        problem = road_problem(task.shape, tuned_axes(task.shape), fill=task.fill)
+        problem = road_problem(task.shape, "tuned", fill=task.fill)
         of_runs = []
 
         @jax.jit

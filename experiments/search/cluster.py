@@ -18,7 +18,6 @@ from typing import TypeVar
 import numpy as np
 
 from elitelanes_jax import DatasetSpec, RoadMap, evolve, make_dataset, use_cores
-from elitelanes_jax.dataset import Viewpoints
 from elitelanes_jax.network.wfc import generate_batch
 from experiments.common import Parser, Pytree, leave, run, table, whole
 
@@ -27,6 +26,8 @@ T = TypeVar("T")
 MAPS, PICTURES = 1_000_000, 10_000_000
 _PART = 250  # the pictures of a part, as `make_dataset` chooses
 _SHAPE, _SEEDS, _EVALUATIONS, _ROUND = (10, 10), 16, 100_000, 512  # of a round of a dataset
+
+_DRAWN: Pytree = {"transforms": "varied", "split": (1, 0, 0), "camera": {"rows": 120, "columns": 160}}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -72,9 +73,8 @@ def _measure_round(evaluations: int, earlier: int) -> tuple[float, float, float]
 
 def _measure_pictures(maps: int) -> tuple[float, float, float]:
     """Returns the seconds to draw a picture with its labels, and to receive and write it, and their bytes."""
-    camera = Viewpoints(rows=120, columns=160)
-    options: Pytree = {"maps_from": _random_maps(maps), "transforms": "varied", "split": (1, 0, 0)}
-    spec = DatasetSpec(views=5, camera=camera, **options)
+    options: Pytree = {"maps_from": _random_maps(maps), **_DRAWN}
+    spec = DatasetSpec(views=5, **options)
     count = maps * spec.views
     with TemporaryDirectory() as folder, ProcessPoolExecutor(1, get_context("spawn")) as pool:
         _, here = _time(lambda: make_dataset(spec, Path(folder, "here"), workers=1))
@@ -99,11 +99,10 @@ class _Sizes:
 
 def _measure_sent(pictures: int) -> int:
     """Returns the bytes that a worker gets to draw a part with `pictures` pictures, each of another map."""
-    camera = Viewpoints(rows=120, columns=160)
-    options: Pytree = {"maps_from": _random_maps(pictures), "transforms": "varied", "split": (1, 0, 0)}
+    options: Pytree = {"maps_from": _random_maps(pictures), **_DRAWN}
     executor = _Sizes()
     with TemporaryDirectory() as folder:
-        make_dataset(DatasetSpec(camera=camera, **options), Path(folder, "out"), executor=executor, parts=1)
+        make_dataset(DatasetSpec(**options), Path(folder, "out"), executor=executor, parts=1)
     return executor.sent
 
 

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.network import EAST, NORTH, SOUTH, WEST
-
 __all__ = ["serpentine", "spiral"]
+
+NORTH, EAST, SOUTH, WEST = 8, 4, 2, 1  # the bits of a tile's code
 
 Corner = tuple[int, int]
 

@@ -16,7 +16,7 @@ from typing import TypedDict
 import numpy as np
 
 from elitelanes_jax import InputError
-from elitelanes_jax.benchmark import BUDGETS, Submission, find_task
+from elitelanes_jax.benchmark import Submission, find_task
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, leave, run, write
 from experiments.search.board_rows import TUNED, Setting
@@ -63,8 +63,7 @@ def _try(row: str, settings: dict[str, Setting]) -> Trial:
     began = time.process_time()
     play, reliability = TUNED[row][0](**settings), {}
     for task in _TASKS:
-        budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
-        _, scores = Submission(task, play(task, _SEEDS, budgets)).score()
+        _, scores = Submission(task, play(task, _SEEDS, task.budgets)).score()
         reliability[task.name] = np.round(scores.reliability.mean(axis=0), 6).tolist()
     return Trial(settings=settings, reliability=reliability, seconds=round(time.process_time() - began, 1))
 

@@ -14,7 +14,7 @@ from oracle import measure as oracle
 from pages import blocks, run_program
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.benchmark.running import run
+from elitelanes_jax.benchmark.running import run_task
 from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval, grade
 from elitelanes_jax.benchmark.submissions import (
     LEAST_RUNS,
@@ -31,7 +31,7 @@ TASK = find_task("5x5A-100000")
 
 def perfect(task=TASK, runs=10):
     """Runs that found the witnesses at once."""
-    budgets = BUDGETS.index(task.evaluations) + 1
+    budgets = len(task.budgets)
     return Submission(task, np.broadcast_to(task.witnesses, (runs, budgets, *task.witnesses.shape)).copy())
 
 
@@ -239,7 +239,7 @@ def test_the_page_runs_searches_of_ones_own(tmp_path, monkeypatch, capsys):
     optima = [f"{task.cyclomatic[n]} cycles: optimum {task.optimum[n]}" for task in [TASK] for n in range(2)]
     assert [line.split(", ")[0] for line in printed] == optima
     exec(compile("\n".join(program.rstrip().splitlines()[:-4]), "own.py", "exec"), own := {})
-    assert run(find_task("6x6B-10000"), own["search"], seeds=1).grids.shape[-2:] == (6, 6)
+    assert run_task(find_task("6x6B-10000"), own["search"], seeds=1).grids.shape[-2:] == (6, 6)
 
 
 def walk(task, rng, sizes=(64,)):
@@ -264,7 +264,7 @@ def test_runs_keep_their_archive_at_every_budget():
             measured = yield grids
             seen.append((grids, measured))
 
-    submission = run(TASK, search, seeds=[3])
+    submission = run_task(TASK, search, seeds=[3])
     grids = np.concatenate([grids for grids, _ in seen])
     measured = [np.concatenate(parts) for parts in zip(*(measured for _, measured in seen), strict=True)]
     for index, budget in enumerate((10_000, 100_000)):
@@ -293,12 +293,12 @@ def test_of_equal_grids_in_a_niche_the_first_is_kept():
         yield np.stack([mirror(first), mirror(first)])
 
     niche = oracle(first)["cyclomatic"]
-    np.testing.assert_array_equal(run(TASK, search, 1).grids[0, -1, niche], first)
+    np.testing.assert_array_equal(run_task(TASK, search, 1).grids[0, -1, niche], first)
 
 
 def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
     task = find_task("5x5A-10000")
-    one, other = run(task, walk), run(task, walk, 10)
+    one, other = run_task(task, walk), run_task(task, walk, 10)
     np.testing.assert_array_equal(one.grids, other.grids)
     assert len({grids.tobytes() for grids in one.grids}) > 1
     one.save(tmp_path / "mine.npz")
@@ -311,7 +311,7 @@ def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
 
 def test_a_search_may_end_early_and_faults_are_named():
     task = find_task("5x5A-100000")
-    submission = run(task, lambda task, rng: iter_once(task.witnesses), 2)
+    submission = run_task(task, lambda task, rng: iter_once(task.witnesses), 2)
     _, scores = submission.score()
     assert (scores.reliability == 1).all() and scores.reliability.shape == (2, 2)
     for batch, words in (
@@ -323,17 +323,17 @@ def test_a_search_may_end_early_and_faults_are_named():
         (np.full((1, 5, 5), 16), "expected tile codes 0 to 15, got 16 to 16"),
     ):
         with pytest.raises(InputError, match=f"^search: .*{words}"):
-            run(task, lambda task, rng, batch=batch: iter_once(batch), 1)
+            run_task(task, lambda task, rng, batch=batch: iter_once(batch), 1)
     for seeds in (0, np.array(0)):
         with pytest.raises(InputError, match="^seeds: expected a whole number, 1 or more, got 0"):
-            run(task, walk, seeds)
+            run_task(task, walk, seeds)
     for seeds in (2, np.array(2), np.arange(2)):
-        assert len(run(task, lambda task, rng: iter_once(task.witnesses), seeds).grids) == 2
+        assert len(run_task(task, lambda task, rng: iter_once(task.witnesses), seeds).grids) == 2
     for search in (3, iter([]), lambda task, rng: 3):
         with pytest.raises(InputError, match="^search: expected a generator function, which yields grids, got "):
-            run("5x5A-10000", search)
+            run_task("5x5A-10000", search)
     with pytest.raises(InputError, match="^task: expected SIZE-BUDGET of 5x5A"):
-        run("5x5C", walk)
+        run_task("5x5C", walk)
 
 
 def iter_once(batch):
@@ -374,7 +374,7 @@ def test_masked_numbers_are_refused():
         with pytest.raises(InputError, match="^submission: grids: expected a number at each index, got a masked"):
             use(hidden)
     with pytest.raises(InputError, match="^search: expected a number at each index, got a masked array"):
-        run(TASK, lambda task, rng: iter_once(masked(task.witnesses)), 1)
+        run_task(TASK, lambda task, rng: iter_once(masked(task.witnesses)), 1)
 
 
 @pytest.mark.parametrize("values", [None, [0.5, None], [0.5, np.inf], [-np.inf], "0.5"])

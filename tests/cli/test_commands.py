@@ -24,7 +24,7 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.road_map import map_to_json
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.search.resolve import plain_spec
-from elitelanes_jax.tiles import default_tiles
+from elitelanes_jax.tiles.tileset import default_tiles
 
 # The EA with the paper's settings compiles fast; all searches that go on for generations use this one program.
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "5", "--tile-px", "16"]

@@ -10,11 +10,10 @@ import pytest
 
 from elitelanes_jax import RoadMap, measure, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import table_to_csv
 from elitelanes_jax.formats.road_map import map_to_json as map_json
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.formats.sumo import to_sumo
-from elitelanes_jax.formats.table import measure_maps
+from elitelanes_jax.formats.table import measure_maps, table_to_csv
 
 GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
 LOOP = np.array([[6, 3], [12, 9]], np.int8)

@@ -9,7 +9,7 @@ import pytest
 from elitelanes_jax import InputError, SearchSpec, evolve, repair, road_problem
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.problem import paper_axes
+from elitelanes_jax.problem.descriptor import paper_axes
 
 # Two loops side by side, by Duckietown's rules; fill would put roads into the middle of both.
 TOWN = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)

@@ -34,7 +34,8 @@ from elitelanes_jax.optimizers import seed_keys
 from elitelanes_jax.search import SearchSpec
 from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.search.selection import Choice
-from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, default_tiles
+from elitelanes_jax.tiles import LABEL_COLOURS, LABELS
+from elitelanes_jax.tiles.tileset import default_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
 SEARCH = ["--preset", "paper", "--evaluations", "2000", "--tile-px", "16"]

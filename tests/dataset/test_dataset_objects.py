@@ -9,8 +9,9 @@ import pytest
 from standing_oracle import TILE, TOWN, draw_back_to_front, some_objects
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, SearchSpec, make_dataset
-from elitelanes_jax.dataset import Viewpoints, draw_sample
+from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.dataset._robot_views import draw_viewpoint
+from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.dataset.planning import plan_dataset
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
 from elitelanes_jax.tiles import load_objects

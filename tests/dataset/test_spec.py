@@ -7,8 +7,7 @@ from functools import partial
 import pytest
 
 from elitelanes_jax import DatasetSpec, InputError, SearchSpec
-from elitelanes_jax.dataset import Transforms
-from elitelanes_jax.dataset._transforms import STANDARD
+from elitelanes_jax.dataset._transforms import STANDARD, Transforms
 from elitelanes_jax.dataset.planning import plan_dataset
 from elitelanes_jax.dataset.spec import maps_by_shape, maps_by_split
 from elitelanes_jax.search.resolve import plain_spec, spec_from_plain

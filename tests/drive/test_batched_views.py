@@ -14,7 +14,7 @@ from driving_oracle import drawn_maps
 from elitelanes_jax import InputError, RoadMap, read_map, render
 from elitelanes_jax.dataset import _robot_views, _transforms
 from elitelanes_jax.dataset._variation import vary_motion
-from elitelanes_jax.drive import VARIED, Camera, Pose, Variation, lane_pose, make_scenes, stream_views, views
+from elitelanes_jax.drive import Camera, Pose, Variation, lane_pose, make_scenes, stream_views, views
 from elitelanes_jax.drive import _variation as varying
 from elitelanes_jax.drive import _views as drawing
 from elitelanes_jax.drive.robot import TILE, Robot
@@ -120,7 +120,8 @@ def test_views_are_those_of_the_datasets_camera(grids, scenes, drawn_tiles, line
 
 
 @pytest.mark.parametrize(
-    "variation", [VARIED, pytest.param(VARIED.replace(gamma=None, motion=None), marks=pytest.mark.slow)]
+    "variation",
+    [Variation.varied(), pytest.param(Variation.varied().replace(gamma=None, motion=None), marks=pytest.mark.slow)],
 )
 def test_pictures_are_those_of_the_slow_oracle(crowded, variation):
     key, count = jax.random.key(3), 2
@@ -146,7 +147,7 @@ def layers_of(scenes, plan):
 @pytest.mark.parametrize("batch", [4, 1])
 def test_a_view_depends_on_the_key_and_its_index_alone(scenes, batch):
     key = jax.random.key(5)
-    draw = partial(views, scenes=scenes, camera=CAMERA, variation=VARIED)
+    draw = partial(views, scenes=scenes, camera=CAMERA, variation=Variation.varied())
     many = jax.device_get(draw(key, batch=7))
     part = jax.device_get(jax.jit(partial(draw, batch=batch))(key))
     jax.tree.map(lambda few, all_: np.testing.assert_array_equal(few, all_[:batch]), part, many)
@@ -157,7 +158,7 @@ def test_a_view_depends_on_the_key_and_its_index_alone(scenes, batch):
 
 @pytest.mark.slow
 def test_all_at_once_draws_what_is_drawn_one_by_one(crowded):
-    plans = plans_of(jax.random.key(5), crowded, 2, variation=VARIED)
+    plans = plans_of(jax.random.key(5), crowded, 2, variation=Variation.varied())
     each, at_once = (jax.jit(partial(way, crowded))(plans) for way in (drawing._draw_each, drawing._draw_all))
     np.testing.assert_array_equal(each[1], at_once[1])
     colours = [np.asarray(words).view(np.uint8).astype(int) for words, _ in (each, at_once)]
@@ -268,7 +269,7 @@ def test_ranges_may_differ_between_the_pictures_of_a_batch(scenes):
 
 
 def test_the_ranges_and_horizons_are_those_of_datasets():
-    for name, value in VARIED.values().items():
+    for name, value in Variation.varied().values().items():
         if hasattr(_transforms.VARIED, name):
             assert value == getattr(_transforms.VARIED, name)
         elif hasattr(_transforms.Viewpoints(), name):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from elitelanes_jax.tiles import default_tiles, load_tiles
+from elitelanes_jax.tiles import load_tiles
+from elitelanes_jax.tiles.tileset import default_tiles
 from experiments.perception.cutting import main
 from experiments.perception.synthetic_photographs import FLOORS, photograph
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, load_tiles
-from elitelanes_jax.tiles import default_tiles
+from elitelanes_jax.tiles.tileset import default_tiles
 
 lab = pytest.importorskip(
     "experiments.perception.gym_duckietown.lab", reason="flax and optax are not here", exc_type=ImportError

@@ -14,7 +14,7 @@ from elitelanes_jax.network import plain_measure
 from elitelanes_jax.network.plain_metrics import plain_town
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.wfc import generate_batch
-from elitelanes_jax.problem import paper_axes
+from elitelanes_jax.problem.descriptor import paper_axes
 from elitelanes_jax.search import History, MeasuredElites
 from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.search.result import RunState

@@ -17,8 +17,7 @@ from elitelanes_jax.formats.objects import base_kind, object_values
 from elitelanes_jax.formats.plan_pages import _bill, _object_to_place
 from elitelanes_jax.network import Metrics, measure_town, plain_measure
 from elitelanes_jax.network.records import METRIC_NAMES
-from elitelanes_jax.problem import paper_axes
-from elitelanes_jax.problem.descriptor import niche_bins
+from elitelanes_jax.problem.descriptor import niche_bins, paper_axes
 from elitelanes_jax.problem.features import SHARE_UNIT, SHARES
 
 __all__ = ["ALPHABET", "CASES", "WEIGHTS", "kernel_cases"]

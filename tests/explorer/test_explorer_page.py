@@ -23,8 +23,9 @@ from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import map_to_json
 from elitelanes_jax.problem.archive import vacant_fitness
-from elitelanes_jax.tiles import choose_tiles, default_tiles
+from elitelanes_jax.tiles import choose_tiles
 from elitelanes_jax.tiles.rendering import recall_choice
+from elitelanes_jax.tiles.tileset import default_tiles
 
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 HOSTILE = "</script><script>alert(1)</script><!-- &lt; \u2028 '\""

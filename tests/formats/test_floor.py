@@ -26,8 +26,8 @@ from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
 from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.maps.exporting import FORMATS
 from elitelanes_jax.network import wfc
-from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render
-from elitelanes_jax.tiles.rendering import standing_objects
+from elitelanes_jax.tiles import choose_tiles, load_tiles, render
+from elitelanes_jax.tiles.rendering import png_of, standing_objects
 from elitelanes_jax.tiles.tileset import default_tiles
 
 TOWN = wfc.generate_batch(np.random.default_rng(0), 1, (6, 8), border="closed").grid[0]

@@ -8,9 +8,8 @@ import pytest
 from simulator_maps import draw, lane_graph
 from sumo_drive import read
 
-from elitelanes_jax.formats import index_scenarios
 from elitelanes_jax.formats.opendrive import to_opendrive
-from elitelanes_jax.formats.scenarionet import to_scenarionet
+from elitelanes_jax.formats.scenarionet import index_scenarios, to_scenarionet
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.maps import furnish

@@ -15,8 +15,9 @@ from odd_names import ODD_NAMES, REFUSED
 
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import MapObject, table_to_csv
+from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.table import table_to_csv
 from elitelanes_jax.maps.exporting import FORMATS
 
 TOWN = RoadMap([[6, 7, 3], [10, 10, 10], [12, 13, 9]], objects=[MapObject("tree", 0.5, 0.5, 0, 0.25)])

@@ -10,9 +10,9 @@ import pytest
 
 from elitelanes_jax import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import RoadMap, index_scenarios, read_map
+from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.formats._traffic import CarSides, Log
-from elitelanes_jax.formats.scenarionet import _track, _without_touching, to_scenarionet
+from elitelanes_jax.formats.scenarionet import _track, _without_touching, index_scenarios, to_scenarionet
 from elitelanes_jax.formats.streets import Streets, to_metres
 from elitelanes_jax.lanes.curves import lane_polyline
 from elitelanes_jax.lanes.movements import lane_graph

@@ -19,11 +19,11 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import Camera
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.tags import STREET_NAMES
-from elitelanes_jax.maps import FurnishSpec, furnish
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.furnishing.placing import placed_kinds
 from elitelanes_jax.maps.furnishing.space import Space, make_object
-from elitelanes_jax.maps.furnishing.spec import parse_furnish
-from elitelanes_jax.tiles import default_tiles
+from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
+from elitelanes_jax.tiles.tileset import default_tiles
 
 # A 4-way crossing amid T crossings of all four directions, with straight tiles between.
 TOWN = np.array(

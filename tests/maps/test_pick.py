@@ -16,7 +16,7 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.maps.picking import _resolve_choice, _Source
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.search.resolve import resolve
-from elitelanes_jax.tiles import default_tiles
+from elitelanes_jax.tiles.tileset import default_tiles
 
 SMALL = ["--size", "5", "6", "--maps", "6", "--generations", "5", "--tile-px", "16", "--quiet"]
 SMALL += ["--method", "ea", "--preset", "paper"]

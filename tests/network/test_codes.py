@@ -5,15 +5,19 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, random_grids
-from elitelanes_jax.network import (
+from elitelanes_jax.network.checks import check_grid, check_shape
+from elitelanes_jax.network.codes import (
+    CONNECTIONS,
+    CROSSINGS,
     EAST,
     KINDS,
     NORTH,
+    ROAD_ALPHABET,
     SOUTH,
     WEST,
+    check_alphabet,
+    rotate_codes,
 )
-from elitelanes_jax.network.checks import check_grid, check_shape
-from elitelanes_jax.network.codes import CONNECTIONS, CROSSINGS, ROAD_ALPHABET, check_alphabet, rotate_codes
 
 
 def test_every_code_has_one_kind_and_its_connections():

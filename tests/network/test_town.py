@@ -9,7 +9,8 @@ from hypothesis import given
 from oracle import road_graph
 
 from elitelanes_jax import InputError, mirror, rotate
-from elitelanes_jax.network import KINDS, measure_town
+from elitelanes_jax.network import measure_town
+from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.records import TownFeatures, largest_town_feature
 
 measure_all = jax.jit(jax.vmap(measure_town))

@@ -15,8 +15,8 @@ from elitelanes_jax.network import random_grids
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import AnnealedMapElitesConfig, AnnealingConfig
 from elitelanes_jax.optimizers._cycles import Cycle, CycleBits, Groups
-from elitelanes_jax.problem import tuned_axes
 from elitelanes_jax.problem.archive import VACANT
+from elitelanes_jax.problem.descriptor import tuned_axes
 from elitelanes_jax.problem.rules import RULES
 
 KEY = jax.random.key(0)

@@ -9,16 +9,9 @@ import numpy as np
 import pytest
 from oracle import measure as oracle
 
-from elitelanes_jax.network import (
-    EAST,
-    KINDS,
-    NORTH,
-    SOUTH,
-    WEST,
-    repair,
-)
+from elitelanes_jax.network import repair
 from elitelanes_jax.network.bits import random_bits
-from elitelanes_jax.network.codes import CROSSINGS
+from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST
 from elitelanes_jax.optimizers import refit_strip
 
 NEIGHBOURS = ((EAST, WEST, 0, 1), (SOUTH, NORTH, 1, 0))

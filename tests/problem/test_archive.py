@@ -13,14 +13,8 @@ from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax import Axis, InputError, Problem
 from elitelanes_jax.network.records import METRIC_NAMES
-from elitelanes_jax.problem import (
-    Population,
-    coverage,
-    insert,
-    paper_axes,
-    qd_score,
-)
-from elitelanes_jax.problem.descriptor import niche_bins, niche_index, resolve_axes
+from elitelanes_jax.problem import Population, coverage, insert, qd_score
+from elitelanes_jax.problem.descriptor import niche_bins, niche_index, paper_axes, resolve_axes
 
 AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2, width=1))
 

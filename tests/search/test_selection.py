@@ -15,8 +15,7 @@ from elitelanes_jax.network import canonical_form
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metrics import stack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES
-from elitelanes_jax.problem import paper_axes
-from elitelanes_jax.problem.descriptor import compute_descriptor
+from elitelanes_jax.problem.descriptor import compute_descriptor, paper_axes
 from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search import History, MeasuredElites
 from elitelanes_jax.search.resolve import resolve
@@ -87,7 +86,7 @@ def test_a_result_hands_its_maps_over(evolved):
     for road_map in few:
         assert road_map.metrics["turns"] >= 8 and road_map.metrics["cyclomatic"] <= 4
         assert "\n" not in repr(road_map) and repr(road_map).startswith("RoadMap(6 x 6, fitness ")
-        assert measure(road_map).turns == road_map.metrics["turns"]
+        assert measure(road_map.codes).turns == road_map.metrics["turns"]
     ranged = again(evolved, where="turns=100..")
     with pytest.warns(UserWarning, match=r"^found 0 of 16 maps among \d+ elites \(.* outside the ranges\); wider "):
         assert not ranged.maps()

@@ -9,7 +9,8 @@ from folders import read_picture
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
-from elitelanes_jax.tiles import default_objects, draw_tag, load_objects, render
+from elitelanes_jax.tiles import load_objects, render
+from elitelanes_jax.tiles.object_set import default_objects, draw_tag
 from elitelanes_jax.tiles.pasting import Placed, paste
 from experiments.perception.draw_objects import draw_all
 

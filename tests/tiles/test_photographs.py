@@ -20,14 +20,13 @@ from elitelanes_jax.tiles import (
     load_tiles,
     propose_masks,
     propose_tiles,
-    read_photograph,
     render,
 )
 from elitelanes_jax.tiles.photographs import borders, kinds, proposals, reading
 from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_floor, turn_to_plan
 from elitelanes_jax.tiles.photographs.cutting import mask_cut
 from elitelanes_jax.tiles.photographs.proposals import SURE
-from elitelanes_jax.tiles.photographs.reading import read_lens
+from elitelanes_jax.tiles.photographs.reading import read_lens, read_photograph
 from elitelanes_jax.tiles.photographs.views import FloorView, places_of, view_of
 from elitelanes_jax.tiles.sides import describe_lanes, measure_sides
 

@@ -8,8 +8,9 @@ from folders import read_picture
 
 from elitelanes_jax import InputError, RoadMap, render, repair, rotate
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
-from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles
+from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles
 from elitelanes_jax.tiles.rendering import recall_choice, scale_tiles
+from elitelanes_jax.tiles.tileset import default_tiles
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
 RNG = np.random.default_rng(12)

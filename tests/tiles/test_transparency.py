@@ -12,16 +12,11 @@ from elitelanes_jax import InputError, RoadMap, load_tiles, render
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.dataset._transforms import parse_transforms, parse_viewpoints
-from elitelanes_jax.tiles import (
-    choose_tiles,
-    default_objects,
-    default_tiles,
-    load_objects,
-    mask_folder,
-)
+from elitelanes_jax.tiles import choose_tiles, load_objects, mask_folder
 from elitelanes_jax.tiles.files import GROUND, read_image
+from elitelanes_jax.tiles.object_set import default_objects
 from elitelanes_jax.tiles.rendering import show_paved
-from elitelanes_jax.tiles.tileset import MASKS
+from elitelanes_jax.tiles.tileset import MASKS, default_tiles
 
 TOWN = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
 KINDS = ("turn_1", "straight_1", "crossing3_1", "crossing4_1")

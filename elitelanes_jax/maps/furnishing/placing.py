@@ -41,8 +41,8 @@ def furnish(
 
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
-      spec: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs
-        at every crossing, ``street_names``, ``all`` for some of everything, ``unique_tags``,
+      spec: settings by name, such as ``{"duckies": 6}``; or a text or several, with ``signs`` for
+        signs at every crossing, ``street_names``, ``all`` for some of everything, ``unique_tags``,
         settings such as ``duckies=6`` that override these words, and a file .toml, .json or .yaml
         with objects of your own.
       seed: the seed of the positions of objects, 0 to 2**32 - 1.

@@ -13,8 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from elitelanes_jax.tiles import png_of
-from experiments.common import Parser, leave, run, whole, write
+from elitelanes_jax.tiles import write_png
+from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.pictures import our_views, shrink
 from experiments.perception.gym_duckietown.rides import read_driver, ride_on_map
 
@@ -54,7 +54,8 @@ def _run(options: argparse.Namespace) -> None:
         shown = np.linspace(0, len(images) - 1, _SHOWN).round().astype(int)
         rows = [np.stack(images)[shown], our_views(codes, np.stack(poses)[shown])][options.ours :]
         sheet = np.concatenate([np.concatenate(shrink(row), axis=1) for row in rows])
-        write(options.out, png_of(sheet.astype(np.uint8)))
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        write_png(options.out, sheet.astype(np.uint8))
     print(f"{options.out}: {about}")
 
 

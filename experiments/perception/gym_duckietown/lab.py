@@ -26,7 +26,7 @@ import numpy as np
 
 from elitelanes_jax import InputError, load_tiles
 from elitelanes_jax.drive import make_scenes
-from elitelanes_jax.tiles import LABELS, default_tiles, inspect_tiles
+from elitelanes_jax.tiles import LABELS, inspect_tiles
 from experiments.common import Parser, leave, run, table, whole, write
 from experiments.perception.gym_duckietown import pictures, rides
 from experiments.perception.gym_duckietown.evaluate import errors_of, score_labels
@@ -115,6 +115,7 @@ DRIVES = {
 }
 """The kinds of rides by name."""
 
+_REPOSITORY = Path(__file__).parents[3]
 _MAPS = 60  # towns of the stream
 
 _TEXTURES = {  # the pictures that gym-duckietown shows, then others in its package
@@ -189,7 +190,7 @@ def _make_set(name: str, sets: Path) -> Path:
         part = folder.with_name(f".{name}.part")
         shutil.rmtree(part, ignore_errors=True)
         shutil.copytree(_make_set("photographs", sets), part)
-        for picture in sorted(default_tiles().glob("*/image.png")):
+        for picture in sorted((_REPOSITORY / "tiles").glob("*/image.png")):
             drawing = picture.parent
             kind, number = drawing.name.split("_")
             shutil.copytree(drawing, part / f"{kind}_{int(number) + len(textures)}")

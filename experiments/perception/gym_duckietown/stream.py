@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from elitelanes_jax import load_tiles
-from elitelanes_jax.drive import VARIED, Camera, Scenes, make_scenes, stream_views
-from experiments.common import Parser, leave, run, whole
+from elitelanes_jax.drive import Camera, Variation, make_scenes, stream_views
+from experiments.common import Parser, Pytree, leave, run, whole
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
 from experiments.perception.gym_duckietown.train import BATCH, STEPS, Views, shares_of, train_on, write_trained
 
 __all__ = ["LINES", "TILE_PX", "main", "stream"]
 
 _CAMERA = Camera(rows=ROWS, columns=COLUMNS)
-_VARIATION = VARIED.replace(blur=0.5)
+_VARIATION = Variation.varied().replace(blur=0.5)
 LINES = 0.07
 """The largest stretch of drawn tiles at their white lines, in tiles."""
 
@@ -31,7 +31,7 @@ TILE_PX = 256
 """The side of the largest pictures of tiles in pixels."""
 
 
-def stream(task: str, scenes: Scenes, seed: int, lines: float | None, first: int) -> Iterator[Views]:
+def stream(task: str, scenes: Pytree, seed: int, lines: float | None, first: int) -> Iterator[Views]:
     """Yields batches of new views without end, from the batch of index `first` on.
 
     White lines are shifted by up to `lines` tiles. None does not shift them.

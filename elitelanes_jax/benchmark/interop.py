@@ -50,7 +50,7 @@ def register_pcg_problems() -> list[str]:
       network passes if it has this number.
 
     Raises:
-      MissingPackageError: without pcg_benchmark.
+      InputError: without pcg_benchmark.
     """
     repository = "git+https://github.com/amidos2006/pcg_benchmark"
     benchmark = import_optional(

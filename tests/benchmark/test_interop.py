@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, mirror, rotate
-from elitelanes_jax.benchmark import find_task, register_pcg_problems
+from elitelanes_jax.benchmark import find_task
+from elitelanes_jax.benchmark.interop import VARIANTS, RoadNetworks, draw_roads, register_pcg_problems
 from elitelanes_jax.benchmark.measuring import measure_grids
-from elitelanes_jax.benchmark.pcg import VARIANTS, RoadNetworks, draw_roads
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "pcg_roads.py"
 
