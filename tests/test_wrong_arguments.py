@@ -25,6 +25,7 @@ from elitelanes_jax import (
     explore,
     export,
     load_tiles,
+    measure,
     plots,
     pso,
     random_grids,
@@ -160,6 +161,7 @@ WRONG = {
     "policy: expected two numbers": lambda: make_rides(RING, policy=lambda seen: [0, 0, 0], seconds=0.1),
     "path: expected a name, got 3": lambda: Result.load(3),
     "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: without_dead_ends("town.json"),
+    "grid: expected rows of tile codes, got a RoadMap; give its codes": lambda: measure(RoadMap([[6, 3], [12, 9]])),
     "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
     "image: expected uint8 [H, W, 3], at least 2 pixels a side, got float64 [4, 4]": lambda: propose_masks(
         np.zeros((4, 4))

@@ -53,8 +53,7 @@ def check_grid(grid: AnyArray) -> AnyArray:
 
     The result is an array of JAX if the grid is one, otherwise an array of NumPy.
 
-    A record with a grid in its field ``codes``, such as a `RoadMap`, is also accepted. Under
-    `jax.jit` and `jax.vmap` codes are unknown and not checked; a code outside 0..15 gives
+    Under `jax.jit` and `jax.vmap` codes are unknown and not checked; a code outside 0..15 gives
     meaningless results.
 
     Raises:
@@ -63,7 +62,9 @@ def check_grid(grid: AnyArray) -> AnyArray:
     """
     # If nobody has imported JAX, the grid is no array of JAX. So this function needs no import.
     jax = sys.modules.get("jax")
-    grid = getattr(grid, "codes", grid)
+    if hasattr(grid, "codes"):
+        name = type(grid).__name__
+        raise InputError(f"grid: expected rows of tile codes, got a {name}; give its codes")
     if isinstance(grid, str | PurePath):
         raise InputError(
             f"grid: expected rows of tile codes, got {str(grid)!r}; "
