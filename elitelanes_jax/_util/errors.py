@@ -15,9 +15,13 @@ class InputError(ValueError):
 
     The command line prints the message alone. Any other error, also a plain `ValueError`, is a bug
     with a traceback.
+
+    Attributes:
+      subject: the option that the message is about, if a caller may know where its value came from.
     """
 
-    def __init__(self, message: str) -> None:
+    def __init__(self, message: str, *, subject: str | None = None) -> None:
+        self.subject = subject
         # An array in the message has several lines, whose later ones begin with spaces or a bracket.
         # They become one line. Other line breaks stay.
         super().__init__(re.sub(r"\n\s+|\n(?=\[)", " ", message))

@@ -150,7 +150,8 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
     if largest >= 2**31:
         raise InputError(
             f"weights: expected a fitness within int32 for every grid of {shape[0]} x {shape[1]}, "
-            f"got weights with which it might reach {largest:,}"
+            f"got weights with which it might reach {largest:,}",
+            subject="weights",
         )
     return exact
 

@@ -222,7 +222,8 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
         except _ContradictionError as error:
             expected = f"a range that {ranged_maps} can be in"
             raise InputError(
-                f"where {str(item)!r}: expected {expected}, got one where {error}"
+                f"where {str(item)!r}: expected {expected}, got one where {error}",
+                subject=f"where {item.name}",
             ) from None
         conjunction = "with" if ranged_maps == maps else "and"
         ranged_maps += f" {conjunction} {item}"
@@ -270,7 +271,8 @@ def _check_range(item: Range, bounds: FeatureBounds, maps: str, *, asks_for_gaps
     if bounds.has_no_gaps and depends_on_gaps:
         unless = " unless rules, an inventory or fixed cells leave cells empty"
     raise InputError(
-        f"where {str(item)!r}: expected a range with {expected}, which {maps} have{unless}"
+        f"where {str(item)!r}: expected a range with {expected}, which {maps} have{unless}",
+        subject=f"where {item.name}",
     )
 
 
@@ -296,7 +298,7 @@ def check_feasible(
         missing_turns = set(KINDS["turn"]) - codes
         if missing_turns:
             expected = f"alphabet: expected the turns {KINDS['turn']}, which every map has"
-            raise InputError(f"{expected}, got no {min(missing_turns)}")
+            raise InputError(f"{expected}, got no {min(missing_turns)}", subject="alphabet")
         lacking_kinds = [kind for kind in COUNTED if codes.isdisjoint(KINDS[kind])]
     if fix is not None:
         _check_fixed(fix, rules)
@@ -320,7 +322,8 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
         row, column = ends[0]
         code = int(fix.grid[row, column])
         raise InputError(
-            f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}"
+            f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}",
+            subject="fix",
         )
     if rules is not None:
         metrics = plain_measure(fix.grid)
@@ -328,7 +331,8 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
             if metrics[name]:
                 raise InputError(
                     f"fix: expected cells that keep the rules of {rules}, "
-                    f"got {name} {metrics[name]}"
+                    f"got {name} {metrics[name]}",
+                    subject="fix",
                 )
 
 
@@ -352,7 +356,10 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
         row, column = dead_ends[0]
         expected = "two neighbours for a road in every free cell"
         hint = "with rules, an inventory or a style such as town it may stay empty"
-        raise InputError(f"fix: expected {expected}, got one at row {row}, column {column}; {hint}")
+        raise InputError(
+            f"fix: expected {expected}, got one at row {row}, column {column}; {hint}",
+            subject="fix",
+        )
     # What remains after all dead ends are cut are loops and the ways between them. A cell that
     # needs a road has to be among these.
     _cut_dead_ends(ways, dead_ends)
@@ -361,12 +368,14 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
     if starts:
         reachable = _reachable(ways, starts[0])
     if not reachable:
-        raise InputError("fix: expected cells that leave room for a loop of roads, got none")
+        raise InputError(
+            "fix: expected cells that leave room for a loop of roads, got none", subject="fix"
+        )
     for cell in needed:
         if cell not in reachable:
             expected = "cells whose roads can be connected"
             got = f"no way from {_in_words(needed[0])} to {_in_words(cell)}"
-            raise InputError(f"fix: expected {expected}, got {got}")
+            raise InputError(f"fix: expected {expected}, got {got}", subject="fix")
 
 
 def _in_words(cell: _Cell) -> str:

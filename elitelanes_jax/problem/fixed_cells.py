@@ -98,7 +98,7 @@ def check_fits(cells: FixedCells, shape: tuple[int, int]) -> None:
     """Raises `InputError` for fixed cells of grids of another shape."""
     if cells.shape != shape:
         expected, got = "{} x {}".format(*shape), "{} x {}".format(*cells.shape)
-        raise InputError(f"fix: expected cells of a map of {expected}, got {got}")
+        raise InputError(f"fix: expected cells of a map of {expected}, got {got}", subject="fix")
 
 
 def _read_rows(file: str | Path) -> Plain:

@@ -3,7 +3,6 @@
 The layers are the options of the style, those that follow from example maps, and the user's.
 """
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
@@ -47,11 +46,7 @@ def naming_origins(origins: Mapping[str, str]) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        # A message starts with the name of an option, and for a range with "where 'NAME=".
-        subject = re.match(r"(\w+)(?: '(\w+)=)?", str(error))
-        origin = None
-        if subject is not None:
-            origin = origins.get(" ".join(filter(None, subject.groups())))
+        origin = origins.get(error.subject or "")
         if origin is None:
             raise
         raise InputError(f"{origin}: {error}") from None

@@ -329,21 +329,22 @@ def _check_choices(settings: Settings) -> None:
     """Checks the method and the preset, and options against each other."""
     if settings.method == CUSTOM:
         expected = f"one of {', '.join(METHODS)}, or evolve's argument optimizer"
-        raise InputError(f"method: expected {expected}, got {CUSTOM!r}")
+        raise InputError(f"method: expected {expected}, got {CUSTOM!r}", subject="method")
     presets = METHODS[settings.method]
     if settings.preset == CUSTOM:
         expected = f"one of {', '.join(presets)}, or evolve's argument config"
-        raise InputError(f"preset: expected {expected}, got {CUSTOM!r}")
+        raise InputError(f"preset: expected {expected}, got {CUSTOM!r}", subject="preset")
     if settings.preset not in presets:
         expected = f"one of {', '.join(presets)} for {settings.method}"
-        raise InputError(f"preset: expected {expected}, got {settings.preset!r}")
+        raise InputError(f"preset: expected {expected}, got {settings.preset!r}", subject="preset")
     if settings.rules is not None and settings.fill:
         expected = f"none with the rules of {settings.rules}, which leave cells empty"
-        raise InputError(f"fill: expected {expected}, got True")
+        raise InputError(f"fill: expected {expected}, got True", subject="fill")
     if settings.initial and (settings.method, settings.preset) == ("pso", "paper"):
         expected = "none with the paper's PSO, whose particles are no grids; tuned would do"
         raise InputError(
-            f"initial: expected {expected}, got {pluralize(len(settings.initial), 'grid')}"
+            f"initial: expected {expected}, got {pluralize(len(settings.initial), 'grid')}",
+            subject="initial",
         )
 
 
@@ -374,7 +375,9 @@ def _check_initial_maps(search: Search) -> None:
         shape = (len(grid), len(grid[0]))
         if shape != search.shape:
             expected = f"maps of {_size_text(search.shape)}"
-            raise InputError(f"initial: expected {expected}, got one of {_size_text(shape)}")
+            raise InputError(
+                f"initial: expected {expected}, got one of {_size_text(shape)}", subject="initial"
+            )
 
 
 def _check_fitness(search: Search, shape_name: str) -> None:

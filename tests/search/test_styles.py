@@ -234,6 +234,18 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
         for search in (lambda spec: resolve(spec, (12, 12), room_for="maps"), lambda spec: evolve(0, spec=spec)):
             with pytest.raises(InputError, match=f"^{origin} 'tiles=..3': expected a range with 144"):
                 search(SearchSpec(**options))
+    for options in (
+        {"method": "pso", "preset": "irregular"},
+        {"rules": "duckietown", "fill": True},
+        {"alphabet": [5, 10, 15]},
+        {"weights": {"turns": 2**28}},
+        {"fix": [[6, None, None], [10, None, 0], [8, None, None]]},
+        {"initial": [RING]},
+    ):
+        for style in (Style("own", options), Style("own", {"large": options})):
+            with pytest.raises(InputError, match=f"^style 'own': {[*options][-1]}: expected ") as caught:
+                resolve(SearchSpec(style=style), (12, 12), room_for="maps")
+            assert pickle.loads(pickle.dumps(caught.value)).args == caught.value.args
     with pytest.raises(InputError, match="^like: where 'box_fill="):
         evolve(0, like=[RING], rules=None)
     with pytest.raises(InputError, match="^like: where 'box_fill="):
