@@ -30,6 +30,7 @@ from elitelanes_jax import (
     pso,
     random_grids,
     read_map,
+    render,
     road_problem,
     rotate,
 )
@@ -86,7 +87,7 @@ from elitelanes_jax.optimizers.interop import qdax_scoring_fn
 from elitelanes_jax.problem import Population, coverage, extreme_maps, insert
 from elitelanes_jax.problem.descriptor import niche_index
 from elitelanes_jax.problem.kernels import with_town_features
-from elitelanes_jax.tiles import Photograph, inspect_tiles, propose_masks, propose_tiles, write_png
+from elitelanes_jax.tiles import Photograph, inspect_tiles, load_objects, propose_masks, propose_tiles, write_png
 from elitelanes_jax.tiles.contact_sheet import write_text
 from elitelanes_jax.tiles.rendering import png_of, scale_tiles
 
@@ -161,6 +162,10 @@ WRONG = {
     "policy: expected two numbers": lambda: make_rides(RING, policy=lambda seen: [0, 0, 0], seconds=0.1),
     "path: expected a name, got 3": lambda: Result.load(3),
     "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: without_dead_ends("town.json"),
+    "map: expected a map, a grid or a file of one, got 3": lambda: render(3),
+    "size: expected rows and columns, got {5: 1, 6: 2}": lambda: GenerateSpec(size={5: 1, 6: 2}),
+    f"{LONG}: expected a folder of tile pictures, got none": lambda: load_tiles(LONG),
+    f"{LONG}: expected a folder of objects, got none": lambda: load_objects(LONG),
     "grid: expected rows of tile codes, got a RoadMap; give its codes": lambda: measure(RoadMap([[6, 3], [12, 9]])),
     "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
     "image: expected uint8 [H, W, 3], at least 2 pixels a side, got float64 [4, 4]": lambda: propose_masks(

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -270,6 +270,9 @@ def as_map(source: UserValue) -> RoadMap:
     """
     if isinstance(source, str | Path):
         return read_map(source)
+    if _dimensions(source) == 0 and not isinstance(source, Iterator):
+        got = shorten(repr(source))
+        raise InputError(f"map: expected a map, a grid or a file of one, got {got}")
     maps = as_maps(source)
     if len(maps) != 1:
         raise InputError(f"map: expected one map, got {len(maps)}")

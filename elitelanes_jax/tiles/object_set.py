@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, is_real, path, whole
+from elitelanes_jax._util.checks import check_named, is_folder, is_real, path, path_exists, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain, UserValue
@@ -294,8 +294,8 @@ def load_objects(folder: ObjectSet | str | Path | None = None) -> ObjectSet:
 
 
 def _load(folder: Path) -> ObjectSet:
-    if not folder.is_dir():
-        got = "a file" if folder.exists() else "none"
+    if not is_folder(folder):
+        got = "a file" if path_exists(folder) else "none"
         raise InputError(f"{folder}: expected a folder of objects, got {got}")
     # A folder with one of these files was meant as an object, and is refused without the other.
     object_folders: set[Path] = set()

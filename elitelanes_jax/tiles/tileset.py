@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.checks import check_named, is_folder, path, path_exists
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain
@@ -251,8 +251,8 @@ def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
 
     Folders with other names are added to the problems.
     """
-    if not folder.is_dir():
-        got = "a file" if folder.exists() else "none"
+    if not is_folder(folder):
+        got = "a file" if path_exists(folder) else "none"
         problems.append(f"{folder}: expected a folder of tile pictures, got {got}")
         return []
     kinds = list(_EXPECTED)
@@ -315,7 +315,7 @@ def _absent_kinds(tiles: Iterable[Tile]) -> list[str]:
 
 def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
     """Reads tileset.toml and checks it; returns what is right."""
-    if not file.exists():
+    if not path_exists(file):
         return {}
     try:
         about = read_toml(file, str(file))
