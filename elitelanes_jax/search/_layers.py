@@ -1,18 +1,27 @@
-"""Merges the layers of a search's options.
+"""Checks and merges the layers of a search's options.
 
 The layers are the options of the style, those that follow from example maps, and the user's.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import check_named, none_or
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.records import check_names
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.search.like import settings_like
-from elitelanes_jax.search.settings import Settings
-from elitelanes_jax.search.spec import NOT_OF_STYLES, SearchSpec, check_options
+from elitelanes_jax.search.settings import OPTIONS, Settings, check_option
+
+BUDGET = ("generations", "evaluations")
+"""The options of the budget, of which a search has one."""
+
+NOT_OF_STYLES = ("style", "like", "features", *BUDGET)
+"""The options that a style cannot have."""
+
+NOT_OF_LARGE = (*NOT_OF_STYLES, "large")
+"""The options that cannot differ for large maps."""
 
 # Each of these options discards another option of the layers before it, which depends on it or
 # would override it.
@@ -52,31 +61,61 @@ def naming_origins(origins: Mapping[str, str]) -> Iterator[None]:
         raise InputError(f"{origin}: {error}") from None
 
 
-def merge_layers(spec: SearchSpec) -> Merged:
-    """Merges the options of a specification, of its example maps and of its style.
+def check_options(
+    options: Mapping[str, UserValue], user_features: Collection[str], without: Collection[str] = ()
+) -> dict[str, UserValue]:
+    """Checks options, each alone; returns the checked values by name.
 
-    Options of the specification override those of the example maps, which override those of the
-    style.
+    Args:
+      options: values by name.
+      user_features: the names of the user's features.
+      without: the names that are not allowed here.
+
+    Raises:
+      InputError: for an unknown name or a wrong value; the message starts with the name.
+    """
+    known = [name for name in (*OPTIONS, "large") if name not in without]
+    check_names(options, known)
+    checked = {}
+    for name, value in options.items():
+        if name == "large":
+            checked[name] = check_named("large", none_or(_check_large), value, user_features)
+        else:
+            checked[name] = check_option(name, value, user_features)
+    return checked
+
+
+def _check_large(large: UserValue, user_features: Collection[str]) -> dict[str, UserValue]:
+    """Checks the options for large maps."""
+    if not isinstance(large, Mapping):
+        raise InputError(f"expected options by their names, got {shorten(repr(large))}")
+    return check_options(large, user_features, without=NOT_OF_LARGE)
+
+
+def merge_layers(user_options: Mapping[str, UserValue]) -> Merged:
+    """Merges a user's checked options with those of the example maps and of the style.
+
+    The user's options override those of the example maps, which override those of the style.
 
     Raises:
       InputError: for a wrong option of the style, or example maps without roads.
     """
-    user_features = spec.options.get("features", ())
+    user_features = user_options.get("features", ())
     # The user's layer is last, because later layers override earlier ones.
-    layers: list[Mapping[str, UserValue]] = [spec.options]
+    layers: list[Mapping[str, UserValue]] = [user_options]
     origins: dict[str, str] = {}
-    if spec.options.get("like"):
-        like = check_options(settings_like(spec.options["like"]), user_features)
+    if user_options.get("like"):
+        like = check_options(settings_like(user_options["like"]), user_features)
         layers.insert(0, like)
         origins = dict.fromkeys(_names_in(like), "like")
-    style = spec.options.get("style")
+    style = user_options.get("style")
     if style is not None:
         origin = f"style {style.name!r}"
         options = check_named(origin, check_options, style.options, user_features, NOT_OF_STYLES)
         layers.insert(0, options)
         origins = dict.fromkeys(_names_in(options), origin) | origins
     # What the user gave as well is the user's.
-    for name in _names_in(spec.options):
+    for name in _names_in(user_options):
         origins.pop(name, None)
 
     named = {"style": None if style is None else style.name}

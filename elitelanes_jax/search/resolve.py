@@ -26,9 +26,9 @@ from elitelanes_jax.problem.fixed_cells import check_fits
 from elitelanes_jax.problem.inventory import within_inventory
 from elitelanes_jax.problem.ranges import Range, largest_penalty
 from elitelanes_jax.problem.rules import RULES
-from elitelanes_jax.search._layers import merge_layers, naming_origins
+from elitelanes_jax.search._layers import NOT_OF_LARGE, naming_origins
 from elitelanes_jax.search.settings import CUSTOM, METHODS, Settings, settings_from_plain
-from elitelanes_jax.search.spec import NOT_OF_LARGE, SearchSpec
+from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.search.style import Style
 
 LARGE = 12
@@ -129,7 +129,7 @@ def resolve(
         weights with which the fitness of a grid could exceed 32 bits, or constraints that leave no
         room.
     """
-    merged = merge_layers(spec)
+    merged = spec.merged
     settings = merged.small
     if merged.large is not None and min(shape) >= LARGE:
         settings = merged.large
@@ -153,7 +153,7 @@ def plain_spec(spec: SearchSpec) -> dict[str, Plain]:
 
     ``large`` has the options that differ for large maps, or None.
     """
-    merged = merge_layers(spec)
+    merged = spec.merged
     plain = merged.small.to_plain()
     large = None
     if merged.large is not None:

@@ -1,13 +1,14 @@
 """What a user asks of a search: options by name, without JAX."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack
 
-from elitelanes_jax._util.checks import check_named, none_or, whole
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.records import check_names, inputs_among
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.records import inputs_among
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.records import Weights
@@ -16,7 +17,8 @@ from elitelanes_jax.problem.features import check_features
 from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.ranges import Range
 from elitelanes_jax.problem.targets import ExampleValues
-from elitelanes_jax.search.settings import OPTIONS, check_option
+from elitelanes_jax.search._layers import BUDGET, Merged, check_options, merge_layers
+from elitelanes_jax.search.settings import OPTIONS
 from elitelanes_jax.search.style import STYLES, Style
 
 if TYPE_CHECKING:
@@ -62,15 +64,6 @@ class SpecOptions(SearchOptions, total=False):
     features: Iterable[str]
 
 
-_BUDGET = ("generations", "evaluations")
-
-NOT_OF_STYLES = ("style", "like", "features", *_BUDGET)
-"""The options that a style cannot have."""
-
-NOT_OF_LARGE = (*NOT_OF_STYLES, "large")
-"""The options that cannot differ for large maps."""
-
-
 @dataclass(frozen=True, init=False)
 class SearchSpec:
     """What a user asks of a search: the options that were given, each checked alone.
@@ -96,9 +89,14 @@ class SearchSpec:
           InputError: for an unknown option, a wrong value, or two budgets.
         """
         _check_budget(options)
+        inputs = [*_inputs_of(options)]
+        # The options for large maps may also be a specification that was made of them.
+        large = options.get("large")
+        if isinstance(large, SearchSpec):
+            options["large"] = large.options
         user_features = check_named("features", check_features, options.get("features", ()))
         checked = check_options(options, user_features)
-        inputs = [*_inputs_of(options), *_inputs_of_style(checked.get("style"))]
+        inputs += _inputs_of_style(checked.get("style"))
         object.__setattr__(self, "options", checked)
         object.__setattr__(self, "inputs", tuple(dict.fromkeys(inputs)))
 
@@ -110,6 +108,15 @@ class SearchSpec:
         options = ", ".join(f"{name}={value!r}" for name, value in self.options.items())
         return f"SearchSpec({options})"
 
+    @cached_property
+    def merged(self) -> Merged:
+        """The options, merged once with those of the example maps and of the style.
+
+        Raises:
+          InputError: for a wrong option of the style, or example maps without roads.
+        """
+        return merge_layers(self.options)
+
     def replace(self, **options: Unpack[SpecOptions]) -> Self:
         """Returns a specification with new options.
 
@@ -120,7 +127,7 @@ class SearchSpec:
         """
         earlier: dict[str, UserValue] = dict(self.options)
         if _check_budget(options):
-            for name in _BUDGET:
+            for name in BUDGET:
                 earlier.pop(name, None)
         both: UserValue = {**earlier, **options}
         spec = type(self)(**both)
@@ -145,45 +152,9 @@ def _inputs_of_style(style: Style | None) -> Iterator[str]:
         yield from _inputs_of(style.options)
 
 
-def check_options(
-    options: Mapping[str, UserValue], user_features: Collection[str], without: Collection[str] = ()
-) -> dict[str, UserValue]:
-    """Checks options, each alone; returns the checked values by name.
-
-    Args:
-      options: values by name.
-      user_features: the names of the user's features.
-      without: the names that are not allowed here.
-
-    Raises:
-      InputError: for an unknown name or a wrong value; the message starts with the name.
-    """
-    known = [name for name in (*OPTIONS, "large") if name not in without]
-    check_names(options, known)
-    checked = {}
-    for name, value in options.items():
-        if name == "large":
-            checked[name] = check_named("large", none_or(_check_large), value, user_features)
-        else:
-            checked[name] = check_option(name, value, user_features)
-    return checked
-
-
-def _check_large(large: UserValue, user_features: Collection[str]) -> dict[str, UserValue]:
-    """Checks the options for large maps.
-
-    They are values by name, or a specification that was made of them.
-    """
-    if isinstance(large, SearchSpec):
-        large = large.options
-    if not isinstance(large, Mapping):
-        raise InputError(f"expected options by their names, got {shorten(repr(large))}")
-    return check_options(large, user_features, without=NOT_OF_LARGE)
-
-
 def _check_budget(options: Mapping[str, UserValue]) -> bool:
     """Returns whether options have a budget; raises `InputError` for two."""
-    budgets = [options[name] for name in _BUDGET if options.get(name) is not None]
+    budgets = [options[name] for name in BUDGET if options.get(name) is not None]
     if len(budgets) == 2:
         raise InputError(
             "generations: expected it or evaluations, got both, {} and {}".format(*budgets)

@@ -1,4 +1,4 @@
-"""A search is resolved and checked once for each command and size; and what is resolved says all that follows."""
+"""A command merges a search once, and resolves and checks it once for each size; all else follows from the result."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from elitelanes_jax import InputError, SearchSpec
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.maps import planning
 from elitelanes_jax.problem.ranges import parse_ranges
-from elitelanes_jax.search import evolution
+from elitelanes_jax.search import evolution, spec
 from elitelanes_jax.search import resolve as module
 from elitelanes_jax.search.resolve import has_other_alphabet, resolve, with_ranges
 
@@ -17,8 +17,8 @@ SEARCH = "--method ea --preset paper --generations 2 --seeds 2 --at-most --quiet
 
 @pytest.fixture
 def counted(monkeypatch):
-    """The calls that resolve a search, and those that check it."""
-    calls = {"resolve": 0, "_check_choices": 0, "_check_shape": 0, "_check_constraints": 0}
+    """The calls that merge the options of a search, that resolve it, and that check it."""
+    calls = {"merge_layers": 0, "resolve": 0, "_check_choices": 0, "_check_shape": 0, "_check_constraints": 0}
 
     def counting(name, function):
         def call(*arguments, **named):
@@ -29,6 +29,7 @@ def counted(monkeypatch):
 
     for name in ("_check_choices", "_check_shape", "_check_constraints"):
         monkeypatch.setattr(module, name, counting(name, getattr(module, name)))
+    monkeypatch.setattr(spec, "merge_layers", counting("merge_layers", spec.merge_layers))
     counted_resolve = counting("resolve", module.resolve)
     for user in (module, planning, evolution):
         monkeypatch.setattr(user, "resolve", counted_resolve)
@@ -46,8 +47,9 @@ def counted(monkeypatch):
         ),
     ],
 )
-def test_a_command_resolves_and_checks_each_size_once(line, sizes, counted, tmp_path):
+def test_a_command_merges_once_and_resolves_and_checks_each_size_once(line, sizes, counted, tmp_path):
     assert main(line.replace("OUT", str(tmp_path / "out")).split()) == 0
+    assert counted.pop("merge_layers") == 1
     assert set(counted.values()) == {sizes}
 
 
