@@ -10,14 +10,14 @@ from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, unmasked
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, SIDES, SOUTH
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
 
 @name_wrong_arguments
 def road_map(
-    grid: ArrayLike,
+    source: UserValue,
     *,
     width: float = 0.5,
     lanes: bool = True,
@@ -60,17 +60,17 @@ def road_map(
     connection, or at such a side.
 
     Args:
-      grid: integer codes ``[H, W]``, repaired or not.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, repaired or not, or a file.
       width: the width of the roads, a part of a tile's side, over 0 and at most 0.8.
       lanes: whether to draw the line between the lanes. Small pictures are clearer without it.
       marked: bool ``[H, W]``, cells to colour, such as the dirty tiles of a move.
       ax: the Axes to draw on; by default those of a new figure.
 
     Raises:
-      InputError: for a bad grid, a width out of its range, a mask of another shape or of texts,
+      InputError: for a bad map, a width out of its range, a mask of another shape or of texts,
         masked cells, or without matplotlib.
     """
-    codes = np.asarray(check_grid(grid))
+    codes = np.asarray(as_map(source).codes)
     if not 0 < width <= 0.8:
         expected = "a part of a tile's side, over 0 and at most 0.8"
         raise InputError(f"width: expected {expected}, got {width!r}")

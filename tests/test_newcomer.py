@@ -64,6 +64,9 @@ def test_results_and_maps_are_explored(result, tmp_path):
 
 
 def test_results_are_plotted(result):
+    (road_map,) = result.maps(1)
+    drawn = plots.road_map(road_map), plots.road_map(road_map.codes)
+    assert drawn[0].get_xlim() == drawn[1].get_xlim()
     shown, usual = plots.archive_map(result), plots.archive_map(result.elites.fitness, result.search.axes)
     np.testing.assert_array_equal(shown.images[0].get_array(), usual.images[0].get_array())
     shown, usual = plots.history(result), plots.history(result.history)
