@@ -636,6 +636,8 @@ _LOOKAHEAD = 0.12
 
 @name_wrong_arguments
 @runs_jax
+# Uncompiled operations round products that compiled ones add without rounding.
+@jax.jit
 @divide_batches
 def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array, "2"]:
     """Returns the expert's action, which follows the lane at 0.3 m/s.

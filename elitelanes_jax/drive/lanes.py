@@ -263,10 +263,12 @@ def random_pose(
     Raises:
       InputError: for a bad grid, or a `lane_offset` that is not over 0 and under 0.5.
     """
-    check_named("lane_offset", check_lane_offset, lane_offset)
+    lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
     return _random_pose(key, check_grid(grid), offset, heading, lane_offset=lane_offset)
 
 
+# Uncompiled operations round products that compiled ones add without rounding.
+@partial(jax.jit, static_argnames="lane_offset")
 @divide_batches
 def _random_pose(
     key: Array, grid: AnyArray, offset: ArrayLike, heading: ArrayLike, *, lane_offset: float
