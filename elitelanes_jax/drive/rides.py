@@ -38,12 +38,12 @@ from elitelanes_jax.drive._lane_drive import (
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive._scene_making import make_sight
-from elitelanes_jax.drive.lanes import Pose, lane_point
+from elitelanes_jax.drive.lanes import Pose, check_lane, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
-from elitelanes_jax.lanes.movements import Movement, movements_of, no_lane_error
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import seed_key, split, uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
@@ -165,8 +165,8 @@ def make_rides(
     furthest = int(max(_PACE * seconds, 1))
     nearest = min(_NEAREST_GOAL, furthest)
     codes = check_grid(grid)
-    if not movements_of(codes).row.size:
-        raise no_lane_error()
+    check_lane(codes)
+    count = check_named("count", whole(1), count)
     levels = make_levels(level_key, codes[None], count, least=nearest, most=furthest)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
     # In a narrow lane the usual distance of the start from its centre would leave the lane.

@@ -239,5 +239,7 @@ def test_a_wrong_grid_is_refused():
     pose = Pose(0.5, 0.5, 0.0)
     with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got 16"):
         lane_pose(np.full((3, 3), 16), pose)
+    with pytest.raises(InputError, match="grid: expected a lane, a tile that connects to two others, got none"):
+        random_pose(jax.random.key(0), [[4, 1], [0, 0]])
     assert not MOVEMENTS[[0, 1, 2, 4, 8]].any()
     assert jnp.asarray(MOVEMENTS[15]).all()

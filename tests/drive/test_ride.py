@@ -39,6 +39,8 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
     assert [row[0, end], column[0, end]] == goal and (rides.x[0, end:] == rides.x[0, end]).all()
     with pytest.raises(InputError, match="policy: expected one of route, random, got 'nobody'"):
         make_rides(GRID, policy="nobody")
+    with pytest.raises(InputError, match="count: expected a whole number, 1 or more, got None"):
+        make_rides(GRID, None)
     with pytest.raises(InputError, match="seconds: expected seconds, a number over 0, up to 86400, got nan"):
         make_rides(GRID, seconds=float("nan"))
     with pytest.raises(InputError, match="^seconds: expected seconds, a number over 0, up to 86400, got 1e[+]300"):
