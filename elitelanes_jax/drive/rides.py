@@ -511,7 +511,7 @@ def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
         if writer is None:
             codec = cv2.VideoWriter.fourcc("m", "p", "4", "v")
             height, width = frame.shape[:2]
-            writer = cv2.VideoWriter(str(file), codec, _RATE, (width, height))
+            writer = cv2.VideoWriter(_name_for_ffmpeg(file), codec, _RATE, (width, height))
         # OpenCV's colours are blue, green and red.
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
         count += 1
@@ -527,8 +527,14 @@ def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     return count
 
 
+def _name_for_ffmpeg(file: Path) -> str:
+    """Returns the name of a film for OpenCV, which writes and reads films with FFmpeg."""
+    # Of a relative name with a colon, FFmpeg takes the text before the colon for a protocol.
+    return str(file.absolute())
+
+
 def _count_frames(file: Path) -> int:
-    film = cv2.VideoCapture(str(file))
+    film = cv2.VideoCapture(_name_for_ffmpeg(file))
     count = 0
     while film.grab():
         count += 1

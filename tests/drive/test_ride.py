@@ -153,6 +153,13 @@ def test_two_films_written_at_once_are_both_whole(suffix, tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
+@pytest.mark.parametrize("name", ["12:30.mp4", "file:ride.mp4", "12:30.gif"])
+def test_a_film_may_have_a_colon_in_its_name(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_film(Path(name), iter(np.zeros((3, 64, 64, 3), np.uint8)))
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
 POLICY = Path(__file__).parents[2] / "docs" / "examples" / "follow_lane.py"
 
 
