@@ -62,8 +62,8 @@ _SEEDS = 3
 _NUMBERS = 9
 # The most further tries to draw a pose where the robot touches no object.
 _TRIES = 64
-# The largest pitch and field of view in degrees after a wobble. A camera looks straight down at 90.
-# At 180, the picture would have no focal length.
+# The largest pitch and field of view in degrees after a wobble. A camera looks straight down at 90,
+# and straight up at -90. At 180, the picture would have no focal length.
 _STEEPEST, _WIDEST = 90, 175
 
 
@@ -315,7 +315,7 @@ def _plan_view(
     lower, tilt, wide = (1 + (2 * wobble - 1) * variation.wobble for wobble in wobbles)
     camera = camera.replace(
         height=camera.height * lower,
-        pitch=jnp.minimum(camera.pitch * tilt, _STEEPEST),
+        pitch=jnp.clip(camera.pitch * tilt, -_STEEPEST, _STEEPEST),
         field_of_view=jnp.minimum(camera.field_of_view * wide, _WIDEST),
     )
     stretch = None
