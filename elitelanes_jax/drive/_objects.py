@@ -275,7 +275,7 @@ def see_objects(
 def _read_layers(
     seen: Int32[Array, "rows columns"], near: Int32[Array, " C"]
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
-    """Returns what `stand` does, from packed layers.
+    """Returns what `see_objects` does, from packed layers.
 
     `seen` has the number of each pixel's object among `near`, and the index of the object's pixel.
     """
@@ -311,7 +311,7 @@ def lie(
     column: Int32[Array, " columns"],
     count: int,
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
-    """Finds the objects on the floor that are seen, as `stand` does.
+    """Finds the objects on the floor that are seen, as `see_objects` does for those that stand.
 
     Only the `count` nearest objects are looked at. Rows of pixels see lines on the ground: `x` and
     `y` are the position at column 0 in tiles, and the step to the next column. A row without ground
