@@ -29,7 +29,8 @@ from elitelanes_jax.drive._batch import (
     read_actions,
 )
 from elitelanes_jax.drive._environment import Environment, auto_reset
-from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive._lane_drive import LaneDrive
+from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
 from elitelanes_jax.drive._levels import check_maps, draw_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.network.bits import seed_key

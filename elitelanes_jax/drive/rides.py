@@ -29,12 +29,8 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
 from elitelanes_jax.drive._environment import Transition
-from elitelanes_jax.drive._lane_drive import (
-    LaneDrive,
-    LaneDriveObservation,
-    LaneDriveParams,
-    pure_pursuit,
-)
+from elitelanes_jax.drive._lane_drive import LaneDrive, pure_pursuit
+from elitelanes_jax.drive._lane_drive_records import LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive._scene_making import make_sight
