@@ -355,10 +355,8 @@ def _draw_pose(
 
     def place(numbers: Float[Array, "4"]) -> Pose:
         which, along, beside, turned = numbers
-        # Rounding may turn a product just under the count into the count.
-        index = jnp.minimum(
-            (which * scene.movement_count).astype(jnp.int32), scene.movement_count - 1
-        )
+        # The largest number of `uniform` times a count of up to 2**24 is still under the count.
+        index = (which * scene.movement_count).astype(jnp.int32)
         movement = Movement(*scene.movements[index])
         heading = jnp.deg2rad(variation.heading)
         return pose_beside(
