@@ -373,7 +373,7 @@ class Batch:
 
     def _check_actions(self, actions: UserValue) -> np.ndarray:
         """Returns actions as an array of one dtype, so that JAX compiles one program."""
-        array = np.asarray(actions)
+        array = read_actions(actions)
         action = self._action
         shape = (self.envs, *action.shape)
         choices = self.environment.actions
@@ -388,6 +388,15 @@ class Batch:
         # Larger numbers become infinite, and environments clip these.
         with np.errstate(over="ignore"):
             return array.astype(action.dtype, copy=False)
+
+
+def read_actions(actions: UserValue) -> np.ndarray:
+    """Returns actions as an array of NumPy, which may be of any shape and dtype."""
+    try:
+        return np.asarray(actions)
+    except ValueError:
+        # The actions are lists of several lengths.
+        raise InputError(f"actions: expected numbers, got {shorten(repr(actions))}") from None
 
 
 def _action_shape(environment: Environment) -> jax.ShapeDtypeStruct:

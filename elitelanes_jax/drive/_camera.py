@@ -68,7 +68,7 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
 def _colour(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 3:
         raise InputError(
-            f"expected three numbers, 0 to 255, for red, green and blue, got {value!r}"
+            f"expected three numbers, 0 to 255, for red, green and blue, got {shorten(repr(value))}"
         )
     return _parts(value, 0, 255)
 

@@ -9,11 +9,12 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, clip_to_int32, whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive._objects import Objects, make_objects
+from elitelanes_jax.drive.lanes import check_lane
 from elitelanes_jax.formats.road_map import RoadMap, as_maps
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import LaneNode, movements_of
@@ -63,14 +64,26 @@ def random_level(
 
     Args:
       key: consumed.
-      grid: integer codes ``[H, W]`` with at least one movement.
+      grid: integer codes ``[H, W]`` with at least one movement; codes under `jax.jit` and `jax.vmap`
+        are unknown and not checked.
       least: tiles from the start to the goal; fewer if no node is as far away.
       most: tiles from the start to the goal; more if no node is within `least` and `most`.
 
     Raises:
-      InputError: for a bad grid.
+      InputError: for a bad grid, a grid without a lane, or a distance that is no whole number.
     """
-    return _random_level(key, check_grid(grid), clip_to_int32(least), clip_to_int32(most))
+    codes = check_grid(grid)
+    check_lane(codes)
+    least, most = _check_distance("least", least), _check_distance("most", most)
+    return _random_level(key, codes, least, most)
+
+
+def _check_distance(name: str, tiles: UserValue) -> Int[ArrayLike, ""]:
+    """Returns a distance in tiles, a whole number or an integer array, that fits 32 bits."""
+    distance = clip_to_int32(tiles)
+    if not jnp.issubdtype(jnp.result_type(distance), jnp.integer):
+        raise InputError(f"{name}: expected a whole number, got {shorten(repr(tiles))}")
+    return distance
 
 
 @divide_batches

@@ -200,6 +200,42 @@ def see_objects(
     the billboards. Returns for each pixel whether there is an object, the index in
     `Billboards.pixels`, and the object's index plus 1, or 0.
     """
+    upright = _stand_upright(pose, objects, pictures, billboards, rays, forward)
+    # `top_k` sorts the objects by their distance ahead, the nearest one first.
+    near = jax.lax.top_k(-upright.ahead, min(count, len(upright.ahead)))[1]
+    rows = once(
+        lambda: _cross_rows(_Upright(*(part[near] for part in upright)), billboards, rays, height)
+    )
+    return _read_layers(once(lambda: _lay_over_each_other(rows, rays)), near)
+
+
+class _Upright(NamedTuple):
+    """Upright pictures of objects, seen from a camera.
+
+    Attributes:
+      ahead: float32 ``[M]``, metres from the camera; infinite if the picture is not shown.
+      left: float32 ``[M]``, metres to the left of the camera.
+      width: float32 ``[M]``, of the picture, metres.
+      height: float32 ``[M]``, of the picture, metres.
+      picture: int32 ``[M]``, the index of the picture among all views.
+    """
+
+    ahead: Float[Array, " M"]
+    left: Float[Array, " M"]
+    width: Float[Array, " M"]
+    height: Float[Array, " M"]
+    picture: Int32[Array, " M"]
+
+
+def _stand_upright(
+    pose: Pose,
+    objects: Objects,
+    pictures: Int32[Array, " M"],
+    billboards: Billboards,
+    rays: Rays,
+    forward: Numeric,
+) -> _Upright:
+    """Returns the pictures of all objects, from a camera some metres ahead of a pose."""
     # The objects are relative to the camera, in metres ahead and to the left.
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
     east, north = (objects.x - pose.x) * TILE, (pose.y - objects.y) * TILE
@@ -214,68 +250,78 @@ def see_objects(
     reach = ahead * jnp.abs(rays.right).max() / jnp.maximum(jnp.min(rays.forward), 1e-6) + width / 2
     # Objects beside the picture would take the places of objects in it.
     shown = (ahead > NEAR) & (objects.height > 0) & (jnp.abs(left) <= reach)
-    ahead = jnp.where(shown, ahead, jnp.inf)
-    # `top_k` sorts the objects by their distance ahead, the nearest one first.
-    near = jax.lax.top_k(-ahead, min(count, len(ahead)))[1]
+    return _Upright(jnp.where(shown, ahead, jnp.inf), left, width, objects.height, picture)
 
-    def rows() -> tuple[Array, ...]:
-        """Computes all that is the same for a row of pixels, for each object."""
-        distance, wide, high, chosen = (
-            part[near] for part in (ahead, width, objects.height, picture)
-        )
-        column = (..., *[None] * 2)
-        forward, fall = rays.forward[None], rays.fall[None]
-        # `scale` is the depth at which a ray meets the upright plane of the object. A ray that does
-        # not go forward never meets it.
-        scale = jnp.where(forward > 1e-6, distance[column] / jnp.maximum(forward, 1e-6), jnp.inf)
-        scale = jnp.where(jnp.isfinite(scale), scale, 0)
-        # The height above the ground there gives the row of the picture, the upper edge first.
-        up = height - scale * fall
-        row = jnp.floor((1 - up / jnp.where(high > 0, high, 1)[column]) * _SIDE).astype(jnp.int32)
-        hit = (row >= 0) & (row < _SIDE) & (scale > 0)
-        first = chosen[column] * _SIDE + jnp.clip(row, 0, _SIDE - 1)
-        words = jnp.where(
-            hit[..., None], billboards.opaque.at[first].get(mode="promise_in_bounds"), 0
-        )
-        # Objects that fill up a batch have no width. The divisor 1 keeps them finite.
-        pixels = _SIDE / jnp.where(wide > 0, wide, 1)
-        # The column of the picture is linear in the ray's direction to the right: a slope and a
-        # middle for each row.
-        return (
-            scale * pixels[column],
-            left[near] * pixels + _SIDE / 2,
-            first * _SIDE,
-            jnp.moveaxis(words, -1, 0),
-        )
 
-    slope, middle, first, words = once(rows)
+class _CrossedRows(NamedTuple):
+    """What rows of pixels show of upright pictures, the same for all pixels of a row.
 
-    def layers() -> Array:
-        """Lays the objects over each other, the nearest one last.
+    Attributes:
+      slope: float32, columns of the picture for each metre that a ray goes to the right.
+      middle: float32, the column of the picture straight ahead.
+      first: int32, the index of the first pixel of the picture's row in `Billboards.pixels`.
+      words: uint32, the opacity of the picture's row, 32 pixels in each word.
+    """
 
-        A pixel of the result has the number of its object, from 1, and the index of the object's
-        pixel.
-        """
-        seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
-        for index in reversed(range(len(near))):
-            column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
-            word = words[0, index]
-            # The words of a row are selected one by one. A look-up for each pixel would not use the
-            # processor's vectors.
-            for part in range(1, _SIDE // 32):
-                word = jnp.where(column >= 32 * part, words[part, index], word)
-            opaque = (word >> (column & 31).astype(jnp.uint32)) & 1 > 0
-            hit = opaque & (column >= 0) & (column < _SIDE)
-            seen = jnp.where(hit, ((index + 1) << _INDEX) + first[index] + column, seen)
-        return seen
+    slope: Float[Array, "C rows _"]
+    middle: Float[Array, " C"]
+    first: Int32[Array, "C rows _"]
+    words: UInt32[Array, "W C rows _"]
 
-    return _read_layers(once(layers), near)
+
+def _cross_rows(
+    upright: _Upright, billboards: Billboards, rays: Rays, height: Numeric
+) -> _CrossedRows:
+    """Computes all that is the same for a row of pixels, for each of C pictures."""
+    column = (..., *[None] * 2)
+    forward, fall = rays.forward[None], rays.fall[None]
+    # `scale` is the depth at which a ray meets the upright plane of the object. A ray that does not
+    # go forward never meets it.
+    scale = jnp.where(forward > 1e-6, upright.ahead[column] / jnp.maximum(forward, 1e-6), jnp.inf)
+    scale = jnp.where(jnp.isfinite(scale), scale, 0)
+    # The height above the ground there gives the row of the picture, the upper edge first.
+    up = height - scale * fall
+    high = jnp.where(upright.height > 0, upright.height, 1)[column]
+    row = jnp.floor((1 - up / high) * _SIDE).astype(jnp.int32)
+    hit = (row >= 0) & (row < _SIDE) & (scale > 0)
+    first = upright.picture[column] * _SIDE + jnp.clip(row, 0, _SIDE - 1)
+    words = jnp.where(hit[..., None], billboards.opaque.at[first].get(mode="promise_in_bounds"), 0)
+    # Objects that fill up a batch have no width. The divisor 1 keeps them finite.
+    pixels = _SIDE / jnp.where(upright.width > 0, upright.width, 1)
+    # The column of the picture is linear in the direction of the ray to the right: a slope for each
+    # row, and one middle.
+    return _CrossedRows(
+        slope=scale * pixels[column],
+        middle=upright.left * pixels + _SIDE / 2,
+        first=first * _SIDE,
+        words=jnp.moveaxis(words, -1, 0),
+    )
+
+
+def _lay_over_each_other(rows: _CrossedRows, rays: Rays) -> Int32[Array, "rows columns"]:
+    """Lays the objects over each other, the nearest one last.
+
+    A pixel of the result has the number of its object, from 1, and the index of the object's pixel.
+    """
+    slope, middle, first, words = rows
+    seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
+    for index in reversed(range(len(slope))):
+        column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
+        word = words[0, index]
+        # The words of a row are selected one by one. A look-up for each pixel would not use the
+        # processor's vectors.
+        for part in range(1, _SIDE // 32):
+            word = jnp.where(column >= 32 * part, words[part, index], word)
+        opaque = (word >> (column & 31).astype(jnp.uint32)) & 1 > 0
+        hit = opaque & (column >= 0) & (column < _SIDE)
+        seen = jnp.where(hit, ((index + 1) << _INDEX) + first[index] + column, seen)
+    return seen
 
 
 def _read_layers(
     seen: Int32[Array, "rows columns"], near: Int32[Array, " C"]
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
-    """Returns what `stand` does, from packed layers.
+    """Returns what `see_objects` does, from packed layers.
 
     `seen` has the number of each pixel's object among `near`, and the index of the object's pixel.
     """
@@ -311,7 +357,7 @@ def lie(
     column: Int32[Array, " columns"],
     count: int,
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
-    """Finds the objects on the floor that are seen, as `stand` does.
+    """Finds the objects on the floor that are seen, as `see_objects` does for those that stand.
 
     Only the `count` nearest objects are looked at. Rows of pixels see lines on the ground: `x` and
     `y` are the position at column 0 in tiles, and the step to the next column. A row without ground

@@ -19,6 +19,7 @@ from elitelanes_jax.drive._batch import (
     NEXT_STEP,
     SAME_STEP,
     Batch,
+    Outcome,
     check_module,
     check_render,
 )
@@ -246,15 +247,7 @@ def sb3_vec_env(
         def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Untyped]]]:
             done = self._batch.receive()
             over, self.metrics = done.terminated | done.truncated, done.metrics
-            infos: list[dict[str, Untyped]] = [{} for _ in range(batch.envs)]
-            for index in np.flatnonzero(over):
-                info = {name: metric[index].tolist() for name, metric in done.metrics.items()}
-                # Stable-Baselines3 logs a rate of success from this name.
-                if "success" in info:
-                    info["is_success"] = info["success"]
-                info["TimeLimit.truncated"] = bool(done.truncated[index])
-                info["terminal_observation"] = done.reached[index]
-                infos[index] = info
+            infos = [_last_info(done, index) if ended else {} for index, ended in enumerate(over)]
             return done.observation, done.reward, over, infos
 
         def close(self) -> None:
@@ -304,6 +297,17 @@ def sb3_vec_env(
             return [False for _ in self._get_indices(indices)]
 
     return VecEnv()
+
+
+def _last_info(done: Outcome, index: int) -> dict[str, Untyped]:
+    """Returns the info of an environment whose episode has ended, for Stable-Baselines3."""
+    info = {name: metric[index].tolist() for name, metric in done.metrics.items()}
+    # Stable-Baselines3 logs a rate of success from this name.
+    if "success" in info:
+        info["is_success"] = info["success"]
+    info["TimeLimit.truncated"] = bool(done.truncated[index])
+    info["terminal_observation"] = done.reached[index]
+    return info
 
 
 @name_wrong_arguments

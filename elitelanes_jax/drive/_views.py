@@ -62,8 +62,8 @@ _SEEDS = 3
 _NUMBERS = 9
 # The most further tries to draw a pose where the robot touches no object.
 _TRIES = 64
-# The largest pitch and field of view in degrees after a wobble. A camera looks straight down at 90.
-# At 180, the picture would have no focal length.
+# The largest pitch and field of view in degrees after a wobble. A camera looks straight down at 90,
+# and straight up at -90. At 180, the picture would have no focal length.
 _STEEPEST, _WIDEST = 90, 175
 
 
@@ -315,7 +315,7 @@ def _plan_view(
     lower, tilt, wide = (1 + (2 * wobble - 1) * variation.wobble for wobble in wobbles)
     camera = camera.replace(
         height=camera.height * lower,
-        pitch=jnp.minimum(camera.pitch * tilt, _STEEPEST),
+        pitch=jnp.clip(camera.pitch * tilt, -_STEEPEST, _STEEPEST),
         field_of_view=jnp.minimum(camera.field_of_view * wide, _WIDEST),
     )
     stretch = None
@@ -355,10 +355,8 @@ def _draw_pose(
 
     def place(numbers: Float[Array, "4"]) -> Pose:
         which, along, beside, turned = numbers
-        # Rounding may turn a product just under the count into the count.
-        index = jnp.minimum(
-            (which * scene.movement_count).astype(jnp.int32), scene.movement_count - 1
-        )
+        # The largest number of `uniform` times a count of up to 2**24 is still under the count.
+        index = (which * scene.movement_count).astype(jnp.int32)
         movement = Movement(*scene.movements[index])
         heading = jnp.deg2rad(variation.heading)
         return pose_beside(

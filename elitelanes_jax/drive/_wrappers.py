@@ -26,9 +26,11 @@ from elitelanes_jax.drive._batch import (
     check_render,
     flattened,
     observation_space,
+    read_actions,
 )
 from elitelanes_jax.drive._environment import Environment, auto_reset
-from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive._lane_drive import LaneDrive
+from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
 from elitelanes_jax.drive._levels import check_maps, draw_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.network.bits import seed_key
@@ -200,7 +202,7 @@ def gymnasium_env(
             return observation, {}
 
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
-            done = self._batch.step(np.asarray(action)[None])
+            done = self._batch.step(read_actions(action)[None])
             # The ellipsis keeps an array of NumPy. A plain index would return a scalar.
             metrics = {name: metric[0, ...] for name, metric in done.metrics.items()}
             ended = bool(done.terminated[0]), bool(done.truncated[0])

@@ -40,7 +40,7 @@ from elitelanes_jax.lanes.curves import (
     on_road,
 )
 from elitelanes_jax.lanes.links import linked_codes
-from elitelanes_jax.lanes.movements import MOVEMENTS, Movement
+from elitelanes_jax.lanes.movements import MOVEMENTS, Movement, movements_of, no_lane_error
 from elitelanes_jax.network.bits import uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
@@ -168,6 +168,15 @@ def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
     return jnp.asarray(MOVEMENTS)[linked_codes(grid)]
 
 
+def check_lane(codes: AnyArray) -> None:
+    """Raises `InputError` for a grid without a movement.
+
+    Under `jax.jit` and `jax.vmap` codes are unknown and not checked.
+    """
+    if not isinstance(codes, jax.core.Tracer) and not movements_of(codes).row.size:
+        raise no_lane_error()
+
+
 def lane_length(
     turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET
 ) -> Float[Array, "..."]:
@@ -255,18 +264,24 @@ def random_pose(
 
     Args:
       key: consumed.
-      grid: integer codes ``[H, W]`` with at least one movement.
+      grid: integer codes ``[H, W]`` with at least one movement; codes under `jax.jit` and `jax.vmap`
+        are unknown and not checked.
       offset: largest distance from the lane's centre in tiles, either way.
       heading: largest angle from the lane's direction in radians, either way.
       lane_offset: tiles from the road's middle to the centre of a lane.
 
     Raises:
-      InputError: for a bad grid, or a `lane_offset` that is not over 0 and under 0.5.
+      InputError: for a bad grid, a grid without a lane, or a `lane_offset` that is not over 0 and
+        under 0.5.
     """
-    check_named("lane_offset", check_lane_offset, lane_offset)
-    return _random_pose(key, check_grid(grid), offset, heading, lane_offset=lane_offset)
+    lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
+    codes = check_grid(grid)
+    check_lane(codes)
+    return _random_pose(key, codes, offset, heading, lane_offset=lane_offset)
 
 
+# Uncompiled operations round products that compiled ones add without rounding.
+@partial(jax.jit, static_argnames="lane_offset")
 @divide_batches
 def _random_pose(
     key: Array, grid: AnyArray, offset: ArrayLike, heading: ArrayLike, *, lane_offset: float

@@ -29,21 +29,17 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
 from elitelanes_jax.drive._environment import Transition
-from elitelanes_jax.drive._lane_drive import (
-    LaneDrive,
-    LaneDriveObservation,
-    LaneDriveParams,
-    pure_pursuit,
-)
+from elitelanes_jax.drive._lane_drive import LaneDrive, pure_pursuit
+from elitelanes_jax.drive._lane_drive_records import LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive._scene_making import make_sight
-from elitelanes_jax.drive.lanes import Pose, lane_point
+from elitelanes_jax.drive.lanes import Pose, check_lane, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
-from elitelanes_jax.lanes.movements import Movement, movements_of, no_lane_error
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import seed_key, split, uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
@@ -165,8 +161,8 @@ def make_rides(
     furthest = int(max(_PACE * seconds, 1))
     nearest = min(_NEAREST_GOAL, furthest)
     codes = check_grid(grid)
-    if not movements_of(codes).row.size:
-        raise no_lane_error()
+    check_lane(codes)
+    count = check_named("count", whole(1), count)
     levels = make_levels(level_key, codes[None], count, least=nearest, most=furthest)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
     # In a narrow lane the usual distance of the start from its centre would leave the lane.
@@ -511,7 +507,7 @@ def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
         if writer is None:
             codec = cv2.VideoWriter.fourcc("m", "p", "4", "v")
             height, width = frame.shape[:2]
-            writer = cv2.VideoWriter(str(file), codec, _RATE, (width, height))
+            writer = cv2.VideoWriter(_name_for_ffmpeg(file), codec, _RATE, (width, height))
         # OpenCV's colours are blue, green and red.
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
         count += 1
@@ -527,8 +523,14 @@ def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     return count
 
 
+def _name_for_ffmpeg(file: Path) -> str:
+    """Returns the name of a film for OpenCV, which writes and reads films with FFmpeg."""
+    # Of a relative name with a colon, FFmpeg takes the text before the colon for a protocol.
+    return str(file.absolute())
+
+
 def _count_frames(file: Path) -> int:
-    film = cv2.VideoCapture(str(file))
+    film = cv2.VideoCapture(_name_for_ffmpeg(file))
     count = 0
     while film.grab():
         count += 1

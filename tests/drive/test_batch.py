@@ -151,6 +151,7 @@ def test_what_is_wrong_is_named():
         (lambda: batch.step([0]), r"actions: expected whole numbers \[2\], got int64 \[1\]"),
         (lambda: batch.step([0.0, 1.0]), r"actions: expected whole numbers \[2\], got float64 \[2\]"),
         (lambda: real.step([0, 1]), r"actions: expected numbers \[2, 2\], got int64 \[2\]"),
+        (lambda: real.step([[0, 1], [0]]), r"actions: expected numbers, got \[\[0, 1\], \[0\]\]"),
         (lambda: batch.reset(np.array(5)), r"seed: expected a whole number, or 2 of them, got array\(5\)"),
         (lambda: Batch([], PARAMS, 2, NEXT_STEP), r"environment: expected Environment, got \[\]"),
         (lambda: batch.reset([1]), r"seed: expected a whole number, or 2 of them, got \[1\]"),

@@ -90,6 +90,13 @@ def test_the_middle_of_a_picture_is_straight_ahead(columns):
     np.testing.assert_allclose((rows.y - beside)[rows.seen], 1.25 * 2**20, atol=1)
 
 
+@pytest.mark.parametrize("pitch", [-90, 90])
+def test_a_wobble_tilts_no_camera_beyond_straight_up_and_down(scenes, pitch):
+    plans = plans_of(jax.random.key(2), scenes, 8, Camera(pitch=pitch), Variation(wobble=0.5))
+    pitches = np.abs(plans.camera.pitch)
+    assert (pitches == 90).any() and (pitches < 90).any() and pitches.max() == 90
+
+
 def test_a_single_column_is_the_middle_one_of_three(scenes):
     one, three = (
         views(jax.random.key(5), scenes, 8, camera=Camera(rows=30, columns=columns), samples=1) for columns in (1, 3)

@@ -154,6 +154,16 @@ def test_the_figures_of_the_lane_are_those_of_lane_pose(params, rides):
     np.testing.assert_allclose(ahead, np.array([-1 / 0.3, 0, 1 / 0.7])[movement.turn[going]], rtol=1e-5)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("action", ["wheels", "twist"])
+def test_the_expert_acts_the_same_compiled_or_not_and_in_a_batch(params, action):
+    params, keys = params.replace(action=action), jax.random.split(jax.random.key(4), 100)
+    _, states = jax.jit(jax.vmap(LaneDrive.reset, (0, None)))(keys, params)
+    batch = jax.jit(jax.vmap(pure_pursuit, (0, None)))(states, params)
+    for act in (pure_pursuit, jax.jit(pure_pursuit)):
+        np.testing.assert_array_equal(np.stack([act(pick(states, index), params) for index in range(100)]), batch)
+
+
 @pytest.mark.usefixtures("standard")
 def test_lanes_are_where_the_tile_set_has_them():
     """Starts are on the oracle's polylines, the expert stays on them, and `d` is measured from them."""

@@ -180,6 +180,16 @@ def test_random_poses_are_on_lanes(grid):
     assert drawn == set(map(tuple, np.argwhere(np.asarray(movements(grid))).tolist()))
 
 
+# Only slow tests compile as users do.
+@pytest.mark.slow
+def test_a_random_pose_has_the_same_bits_compiled_or_not_and_in_a_batch(grid):
+    keys = jax.random.split(jax.random.key(1), 100)
+    compiled = jax.jit(lambda key: random_pose(key, grid))
+    batch = jax.device_get(jax.jit(jax.vmap(lambda key: random_pose(key, grid)))(keys))
+    for draw in (partial(random_pose, grid=grid), compiled):
+        np.testing.assert_array_equal(np.stack([draw(key) for key in keys], axis=1), np.stack(batch))
+
+
 def test_off_the_grid_there_is_no_road(grid, locate):
     poses = Pose(*np.array([[-0.5, 2, 0], [3, -7, 1], [7.01, 2, 2], [1, 6.5, 3], [1e9, -1e9, 0]], np.float32).T)
     found = locate(grid, poses)
@@ -229,5 +239,7 @@ def test_a_wrong_grid_is_refused():
     pose = Pose(0.5, 0.5, 0.0)
     with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got 16"):
         lane_pose(np.full((3, 3), 16), pose)
+    with pytest.raises(InputError, match="grid: expected a lane, a tile that connects to two others, got none"):
+        random_pose(jax.random.key(0), [[4, 1], [0, 0]])
     assert not MOVEMENTS[[0, 1, 2, 4, 8]].any()
     assert jnp.asarray(MOVEMENTS[15]).all()

@@ -61,6 +61,9 @@ def test_what_is_wrong_is_named(maps, any_types):
         "grids: map 0: grid: expected tile codes 0 to 15, got 16": lambda: make_levels(key, np.full((1, *SHAPE), 16)),
         "grids: expected one or more of one size, got several sizes": lambda: make_levels(key, [maps[0], maps[0].T]),
         "least: expected a whole number, 1 or more, got nan": lambda: make_levels(key, maps, least=float("nan")),
+        "grid: expected a lane, a tile that connects to two others, got none": lambda: random_level(key, [[2], [8]]),
+        "least: expected a whole number, got nan": lambda: random_level(key, maps[0], least=float("nan")),
+        "most: expected a whole number, got 2.5": lambda: random_level(key, maps[0], most=2.5),
     }
     for words, fault in faults.items():
         with pytest.raises(InputError, match=re.escape(words)):

@@ -39,6 +39,8 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
     assert [row[0, end], column[0, end]] == goal and (rides.x[0, end:] == rides.x[0, end]).all()
     with pytest.raises(InputError, match="policy: expected one of route, random, got 'nobody'"):
         make_rides(GRID, policy="nobody")
+    with pytest.raises(InputError, match="count: expected a whole number, 1 or more, got None"):
+        make_rides(GRID, None)
     with pytest.raises(InputError, match="seconds: expected seconds, a number over 0, up to 86400, got nan"):
         make_rides(GRID, seconds=float("nan"))
     with pytest.raises(InputError, match="^seconds: expected seconds, a number over 0, up to 86400, got 1e[+]300"):
@@ -149,6 +151,13 @@ def test_two_films_written_at_once_are_both_whole(suffix, tmp_path):
     reader = cv2.VideoCapture(str(file))
     assert sum(1 for _ in iter(reader.grab, False)) == count
     assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("name", ["12:30.mp4", "file:ride.mp4", "12:30.gif"])
+def test_a_film_may_have_a_colon_in_its_name(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_film(Path(name), iter(np.zeros((3, 64, 64, 3), np.uint8)))
+    assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
 POLICY = Path(__file__).parents[2] / "docs" / "examples" / "follow_lane.py"
