@@ -23,7 +23,7 @@ from workers import interrupt, search
 from elitelanes_jax import InputError, RoadMap, SearchInterrupted, drive, measure, rotate
 from elitelanes_jax._util.engine import call_on_workers
 from elitelanes_jax._util.errors import MissingPackageError
-from elitelanes_jax.drive import GymnaxEnv
+from elitelanes_jax.drive.interop import GymnaxEnv
 from elitelanes_jax.formats import MapObject, make_plan
 from elitelanes_jax.optimizers import Move, Optimizer, interop
 from elitelanes_jax.tiles import load_objects

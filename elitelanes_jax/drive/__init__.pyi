@@ -1,3 +1,4 @@
+from . import interop as interop
 from ._batch import flatten as flatten
 from ._camera import Camera as Camera
 from ._camera import Sight as Sight
@@ -21,17 +22,10 @@ from ._objects import Objects as Objects
 from ._objects import make_objects as make_objects
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
-from ._scene_making import make_scenes as make_scenes
-from ._scene_making import make_sight as make_sight
 from ._variation import Variation as Variation
-from ._vectors import gymnasium_vector_env as gymnasium_vector_env
-from ._vectors import puffer_env as puffer_env
-from ._vectors import sb3_vec_env as sb3_vec_env
 from ._views import Views as Views
 from ._views import stream_views as stream_views
 from ._views import views as views
-from ._wrappers import GymnaxEnv as GymnaxEnv
-from ._wrappers import gymnasium_env as gymnasium_env
 from ._wrappers import make as make
 from .lanes import Pose as Pose
 from .lanes import lane_pose as lane_pose
@@ -40,3 +34,5 @@ from .lanes import random_pose as random_pose
 from .rides import film as film
 from .rides import make_rides as make_rides
 from .rides import trails as trails
+from .scene_making import make_scenes as make_scenes
+from .scene_making import make_sight as make_sight

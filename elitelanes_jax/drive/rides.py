@@ -33,15 +33,14 @@ from elitelanes_jax.drive._lane_drive import LaneDrive, pure_pursuit
 from elitelanes_jax.drive._lane_drive_records import LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
-from elitelanes_jax.drive._scene_making import make_sight
 from elitelanes_jax.drive.lanes import Pose, check_lane, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
+from elitelanes_jax.drive.scene_making import make_sight
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import seed_key, split, uniform
-from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import Picture, check_tile_px, choose_tiles, render
 from elitelanes_jax.tiles.tileset import TileSet
@@ -126,7 +125,7 @@ class Rides(NamedTuple):
 @name_wrong_arguments
 @runs_jax
 def make_rides(
-    grid: ArrayLike,
+    source: UserValue,
     count: int = 1,
     *,
     policy: str | Policy = "route",
@@ -139,7 +138,7 @@ def make_rides(
     From 2.2 seconds on, the expert reaches all goals in time.
 
     Args:
-      grid: codes ``[H, W]``, or a `RoadMap`.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       count: N, the number of rides.
       policy: "route", the expert; "random", a driver that turns its wheels at random; or your own
         driver, a function from a `LaneDriveObservation` to the commands of both wheels, -1 to 1.
@@ -149,7 +148,7 @@ def make_rides(
         package's own.
 
     Raises:
-      InputError: for a bad grid, a map without a lane, another policy, or one that fails or does
+      InputError: for a bad map, one without a lane, another policy, or one that fails or does
         not return two numbers.
     """
     check_seconds = real(0, _LONGEST, unit="seconds, a number", exclusive=True)
@@ -160,7 +159,7 @@ def make_rides(
     level_key, ride_key = split(seed_key(seed))
     furthest = int(max(_PACE * seconds, 1))
     nearest = min(_NEAREST_GOAL, furthest)
-    codes = check_grid(grid)
+    codes = as_map(source).codes
     check_lane(codes)
     count = check_named("count", whole(1), count)
     levels = make_levels(level_key, codes[None], count, least=nearest, most=furthest)

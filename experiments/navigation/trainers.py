@@ -25,13 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, read_map
-from elitelanes_jax.drive import (
-    LaneDrive,
-    LaneDriveParams,
-    gymnasium_vector_env,
-    make_levels,
-    sb3_vec_env,
-)
+from elitelanes_jax.drive import LaneDrive, LaneDriveParams, make_levels
+from elitelanes_jax.drive.interop import gymnasium_vector_env, sb3_vec_env
 from experiments.common import Parser, leave, require, run, whole
 
 __all__ = ["main"]

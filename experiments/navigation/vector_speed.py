@@ -24,9 +24,9 @@ from elitelanes_jax.drive import (
     RoadNav,
     RoadNavParams,
     auto_reset,
-    gymnasium_vector_env,
     make_levels,
 )
+from elitelanes_jax.drive.interop import gymnasium_vector_env
 from experiments.common import Parser, Pytree, leave, require, run
 from experiments.navigation.speed import SHAPE
 

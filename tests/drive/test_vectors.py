@@ -9,19 +9,8 @@ import pytest
 from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, load_tiles
-from elitelanes_jax.drive import (
-    Camera,
-    LaneDrive,
-    LaneDriveParams,
-    RoadNav,
-    RoadNavParams,
-    gymnasium_env,
-    gymnasium_vector_env,
-    make_levels,
-    make_sight,
-    puffer_env,
-    sb3_vec_env,
-)
+from elitelanes_jax.drive import Camera, LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_sight
+from elitelanes_jax.drive.interop import gymnasium_env, gymnasium_vector_env, puffer_env, sb3_vec_env
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")

@@ -12,20 +12,19 @@ from driving_oracle import drawn_maps
 from elitelanes_jax import InputError, load_tiles
 from elitelanes_jax.drive import (
     Camera,
-    GymnaxEnv,
     LaneDrive,
     LaneDriveParams,
     Pose,
     RoadNav,
     RoadNavParams,
     auto_reset,
-    gymnasium_env,
     look,
     make_levels,
     make_sight,
 )
 from elitelanes_jax.drive._batch import flatten
 from elitelanes_jax.drive._camera import pack_sight
+from elitelanes_jax.drive.interop import GymnaxEnv, gymnasium_env
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
