@@ -145,13 +145,7 @@ class HandWork:
         Returns the values of these tiles for the page, with their proposed masks.
         """
         photograph = self.photographs[values["photo"]]
-        proposal = Proposal(**values["proposal"])
-        size = photograph.image.shape[1], photograph.image.shape[0]
-        if np.shape(proposal.homography) != (3, 3) or (proposal.width, proposal.height) != size:
-            raise InputError(
-                f"{photograph.name}: expected a proposal for this photograph, got another one"
-            )
-        cuts = cut_tiles(photograph, proposal)
+        cuts = cut_tiles(photograph, Proposal(**values["proposal"]))
         if not cuts:
             raise InputError(
                 f"{photograph.name}: expected tiles of a sure kind, got none; set the kinds"

@@ -25,7 +25,7 @@ from elitelanes_jax.tiles import (
 )
 from elitelanes_jax.tiles.photographs import borders, kinds, proposals, reading
 from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_floor, turn_to_plan
-from elitelanes_jax.tiles.photographs.cutting import mask_cut
+from elitelanes_jax.tiles.photographs.cutting import mask_cut, write_cuts
 from elitelanes_jax.tiles.photographs.proposals import SURE
 from elitelanes_jax.tiles.photographs.reading import read_lens
 from elitelanes_jax.tiles.photographs.views import FloorView, places_of, view_of
@@ -199,6 +199,32 @@ def test_cuts_are_squares_of_their_kind_and_copies_are_named(shot, proposal):
     assert cut_tiles(shot, unsure) == []
 
 
+def test_no_two_tiles_get_one_name(shot, proposal, tmp_path):
+    """Without the copies among earlier tiles, a new tile got the name of another one and replaced its files."""
+    cuts = cut_tiles(shot, proposal)
+    turns = [cut for cut in cuts if cut.code in (3, 6, 9, 12)]
+    further = cut_tiles(shot, proposal, turns[2:])
+    names = [cut.name for cut in (*turns[2:], *further)]
+    assert len(names) == len(set(names)) == 11
+    with pytest.raises(InputError, match="cuts: expected each name once, got turn_1 2 times"):
+        write_cuts(tmp_path / "set", [*cuts, *cut_tiles(shot, proposal)])
+    assert not (tmp_path / "set").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"width": 5}, "floor: expected a proposal for this photograph, got another one"),
+        ({"sure": [[1.0]]}, "floor: expected a proposal for this photograph, got another one"),
+        ({"codes": [[16] * 3] * 3}, "proposal: codes: grid: expected tile codes 0 to 15, got 16"),
+    ],
+)
+def test_a_proposal_for_another_photograph_is_refused(shot, proposal, change, message):
+    """Its tiles were cut somewhere else in the photograph, without a word."""
+    with pytest.raises(InputError, match=message):
+        cut_tiles(shot._replace(name="floor"), proposal._replace(**change))
+
+
 def test_the_stop_line_of_a_neighbour_leaves_no_notch_in_the_road_of_a_turn(shot, proposal):
     turn = next(cut for cut in cut_tiles(shot, proposal) if cut.code == 6)
     size = len(turn.image)
@@ -316,6 +342,7 @@ def test_a_floor_as_dark_as_asphalt_needs_exact_corners():
         ([[0, 0], [0, 300], [300, 300], [300, 0]], "counter-clockwise"),
         ([[0, 0], [3000, 0], [300, 300], [0, 300]], "points within floor, 800 x 640 pixels"),
         ([[0, 0], [300, 0], [300, 300]], "four points"),
+        ([[0, 0], [300, 0], [300, np.nan], [0, 300]], r"corners: expected finite numbers, got .* \[300.0, nan\]"),
     ],
 )
 def test_bad_corners_are_named(shot, corners, message):
@@ -411,6 +438,19 @@ def test_a_png_is_turned_upright(tmp_path):
     (tmp_path / "turned.png").write_bytes(content[:33] + part + content[33:])
     plain, upright = (read_photograph(tmp_path / name).image for name in ("plain.png", "turned.png"))
     np.testing.assert_array_equal(upright, np.rot90(plain, -1))
+
+
+def test_a_png_with_a_wrong_profile_of_colours_is_read_without_complaints(tmp_path, capfd):
+    """The decoder warned of this part on the terminal if the file had an opacity."""
+    file = tmp_path / "floor.png"
+    assert cv2.imwrite(str(file), np.full((300, 300, 4), 255, np.uint8))
+    content = file.read_bytes()
+    profile = b"iCCP" + b"x\0\0" + zlib.compress(b"none")
+    part = (len(profile) - 4).to_bytes(4) + profile + zlib.crc32(profile).to_bytes(4)
+    file.write_bytes(content[:33] + part + content[33:])
+    capfd.readouterr()
+    assert read_photograph(file).image.shape == (300, 300, 3)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):

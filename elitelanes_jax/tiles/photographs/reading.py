@@ -278,7 +278,8 @@ def _is_transparent(content: bytes) -> bool:
     has_alpha = content[25] in (4, 6)
     if not has_alpha and b"tRNS" not in content:
         return False
-    picture = decode_png(content)
+    # Of the other parts, the decoder may complain to the terminal.
+    picture = decode_png(plain_png(content))
     if picture is None or picture.ndim < 3 or picture.shape[2] < 4:
         return False
     return bool((picture[..., 3] < np.iinfo(picture.dtype).max).any())
