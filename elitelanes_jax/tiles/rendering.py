@@ -250,7 +250,8 @@ def check_tile_px(tile_px: UserValue) -> int:
     """Checks the side of a tile in pixels, 16 to 512."""
     if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
         raise InputError(
-            f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}"
+            f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, "
+            f"got {shorten(repr(tile_px))}"
         )
     return int(tile_px)
 

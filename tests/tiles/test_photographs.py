@@ -542,7 +542,10 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
     ("matrix", "message"),
     [
         ("[.nan, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
+        (f"[1{'0' * 400}, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
+        ("[f, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
         ("[0, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected focal lengths over 0, got 0 and 450"),
+        ("[450, 0, 200, 0, 450, 160, 0, 0, 0]", "camera_matrix: expected a last row of 0, 0, 1, got 0, 0, 0"),
     ],
 )
 def test_a_lens_that_shows_nothing_is_refused(matrix, message, tmp_path):
@@ -553,6 +556,29 @@ def test_a_lens_that_shows_nothing_is_refused(matrix, message, tmp_path):
     )
     with pytest.raises(InputError, match=f"camera.yaml: {message}"):
         read_lens(tmp_path / "camera.yaml")
+
+
+def test_numbers_without_a_point_are_read(tmp_path):
+    """PyYAML reads 1e-05 as text, but yaml-cpp, by which ROS writes calibrations, writes it."""
+    (tmp_path / "camera.yaml").write_text(
+        "image_width: 400\nimage_height: 320\ncamera_matrix: {data: [4.5e+02, 0, 2e2, 0, 450, 160, 0, 0, 1]}\n"
+        "distortion_coefficients: {data: [1e-05, -1e-3, 0, 0]}\n"
+    )
+    lens = read_lens(tmp_path / "camera.yaml")
+    assert lens.matrix[0].tolist() == [450, 0, 200]
+    assert lens.distortion.tolist() == [1e-5, -1e-3, 0, 0]
+
+
+def test_a_size_that_unfolds_to_a_long_text_is_told_in_short(tmp_path):
+    """Aliases of YAML made a message of 15 MB, and with a few more lines one that filled the memory."""
+    aliases = "".join(f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 9)}]\n" for level in range(1, 6))
+    (tmp_path / "camera.yaml").write_text(
+        f"a0: &a0 [1, 1]\n{aliases}image_width: *a5\nimage_height: 1\n"
+        "camera_matrix: {data: [450, 0, 200, 0, 450, 160, 0, 0, 1]}\ndistortion_coefficients: {data: [0, 0, 0, 0]}\n"
+    )
+    with pytest.raises(InputError, match="expected image_width and image_height in pixels, got ") as caught:
+        read_lens(tmp_path / "camera.yaml")
+    assert len(str(caught.value)) < 400
 
 
 def test_floors_are_compared_with_their_plan():
