@@ -157,7 +157,7 @@ class DatasetSpec(Record):
                 if self.maps_from is not None:
                     few = "maps_from"
                     got += self.maps_from.describe_left_out()
-                expected = f"enough for one in the {name}, {share:g} of them"
+                expected = f"enough for one in the split {name}, {share:g} of them"
                 raise InputError(
                     f"{few}: expected {expected}, got {got}; a split of 1 0 0 trains on all"
                 )
