@@ -34,12 +34,12 @@ from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.tiles.files import Layer, read_image
 from elitelanes_jax.tiles.masking import (
     COLOURS,
+    MaskedTile,
     mask_folder,
     parse_colour,
     proposal_sheet,
     propose_layer_masks,
 )
-from elitelanes_jax.tiles.masking import Proposal as Masked
 from elitelanes_jax.tiles.photographs.cutting import cut_tiles, mask_cut
 from elitelanes_jax.tiles.photographs.proposals import Proposal, propose_tiles
 from elitelanes_jax.tiles.photographs.reading import Photograph
@@ -284,7 +284,7 @@ class HandWork:
             masks = self._masks_of(tile)
             for mask, pixels in masks.items():
                 write_png(target / name / f"{mask}.png", pixels.astype(np.uint8) * 255)
-            written.append(Masked(target / name, picture.layer.pixels, masks, ()))
+            written.append(MaskedTile(target / name, picture.layer.pixels, masks, ()))
         write_png(target / "masks.png", proposal_sheet("Masks corrected by hand", written))
 
 

@@ -16,8 +16,7 @@ from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
 from elitelanes_jax.tiles._light import ground_of, in_daylight
 from elitelanes_jax.tiles.files import check_picture
-from elitelanes_jax.tiles.masking import Proposal as Masked
-from elitelanes_jax.tiles.masking import propose_masks
+from elitelanes_jax.tiles.masking import MaskedTile, propose_masks
 from elitelanes_jax.tiles.photographs.proposals import SURE, Proposal
 from elitelanes_jax.tiles.photographs.reading import Photograph
 from elitelanes_jax.tiles.photographs.views import flatten, places_of
@@ -203,7 +202,7 @@ def _without_red_rim(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @name_wrong_arguments
-def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[Masked]:
+def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[MaskedTile]:
     """Writes a tile set: the picture of each tile, and proposed masks.
 
     Files of the same names are replaced.
@@ -218,7 +217,7 @@ def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[Masked]:
     folder, written = Path(check_named("folder", path, folder)), []
     check_unique("cuts", "name", [cut.name for cut in cuts])
     for cut in cuts:
-        tile = Masked(folder / cut.name, cut.image, mask_cut(cut), MASKS)
+        tile = MaskedTile(folder / cut.name, cut.image, mask_cut(cut), MASKS)
         write_png(tile.folder / "image.png", tile.image)
         for name, mask in tile.masks.items():
             write_png(tile.folder / f"{name}.png", mask.astype(np.uint8) * 255)
