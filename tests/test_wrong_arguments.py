@@ -261,7 +261,7 @@ WRONG = {
     "rides: expected rides on the map, got rides on another one": lambda: next(
         film(GRID[:, ::-1], load_tiles(), make_rides(GRID, 1, seconds=0.1))
     ),
-    "maps_from: expected enough for one in the train, 0.5 of them, got 1": lambda: DatasetSpec(
+    "maps_from: expected enough for one in the split train, 0.5 of them, got 1": lambda: DatasetSpec(
         maps_from=[GRID, rotate(GRID)], split=(0.5, 0, 0.5)
     ),
     "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out", seed=1.5),

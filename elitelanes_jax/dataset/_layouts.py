@@ -42,8 +42,7 @@ _DESCRIBING = (
 class Layout(NamedTuple):
     """A layout.
 
-    In `path`, `metadata` and `program` the words SPLIT and SHORT stand for a split's name and its
-    usual short name.
+    In texts, SPLIT is the name of a split, and SHORT its usual short name.
 
     Attributes:
       path: the path of a picture, with LAYER for its layer, and NUMBER for the sample; or the path

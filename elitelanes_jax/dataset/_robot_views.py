@@ -129,7 +129,7 @@ def draw_viewpoint(
     # A camera looks straight down at most.
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
     # At 180 degrees the focal length would be 0.
-    view = float(min(viewpoints.field_of_view * wide, 175))
+    field_of_view = float(min(viewpoints.field_of_view * wide, 175))
     # These values are on the lane that was drawn. The nearest lane may be another one, such as on a
     # crossing.
     on_lane = {"d": place.d, "phi": place.phi, "curvature": place.curvature}
@@ -138,7 +138,7 @@ def draw_viewpoint(
         "height": height,
         "forward": viewpoints.forward,
         "pitch": pitch,
-        "field_of_view": view,
+        "field_of_view": field_of_view,
     }
     about = {
         **on_lane,

@@ -21,8 +21,8 @@ _RECTANGLES = 5
 # The distance from the middle of two grey levels, in grey levels, below which 32 bits may round to
 # the wrong one.
 _DOUBT = 0.002
-# The samples along a streak of motion blur.
-_LONGEST = 25
+# The number of samples along a streak of motion blur.
+_STREAK_SAMPLES = 25
 
 
 def varies(transforms: Transforms) -> bool:
@@ -199,10 +199,10 @@ def vary_motion(
         return image
     kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.float32)
     # Each sample along the streak counts for its nearest pixel.
-    along = np.linspace(-length / 2, length / 2, _LONGEST)
+    along = np.linspace(-length / 2, length / 2, _STREAK_SAMPLES)
     x, y = (np.rint(reach + along * part).astype(int) for part in (np.cos(angle), np.sin(angle)))
     # Several samples may be in one pixel. An assignment would count them once.
-    np.add.at(kernel, (y, x), 1 / _LONGEST)
+    np.add.at(kernel, (y, x), 1 / _STREAK_SAMPLES)
     if np.count_nonzero(kernel) == 1:
         # The streak is within a pixel.
         return image

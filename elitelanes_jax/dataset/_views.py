@@ -113,13 +113,14 @@ def draw_view(
 ) -> DrawnTransform:
     """Draws a view of a map of (height, width) pixels.
 
-    Raises `InputError` for a crop larger than the map.
+    Raises `InputError` for a crop larger than the map at the smallest scale.
     """
     height, width = size
-    if transforms.crop > min(size) * min(1.0, transforms.scale[0]):
+    smallest = min(1.0, transforms.scale[0])
+    if transforms.crop > min(size) * smallest:
+        shown = f"{width * smallest:g} x {height * smallest:g} pixels at the smallest scale"
         raise InputError(
-            f"transforms: expected a crop within the map's {width} x {height} pixels, "
-            f"got {transforms.crop}"
+            f"transforms: expected a crop within the map, {shown}, got {transforms.crop}"
         )
     # The numbers are drawn first and scaled by the ranges afterwards, see `draw_numbers`.
     numbers = draw_numbers(rng)

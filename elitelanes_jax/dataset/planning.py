@@ -5,9 +5,10 @@ Tiles are read and searches are resolved, before JAX is imported.
 
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.maps.furnishing.placing import placed_kinds
 from elitelanes_jax.maps.furnishing.space import make_object
@@ -17,6 +18,9 @@ from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+# The largest whole number that columns of whole numbers and of fractions both hold in Parquet.
+_LARGEST_IN_PARQUET = 2**53
 
 
 class PlannedDataset(NamedTuple):
@@ -81,6 +85,20 @@ def _check_given(spec: DatasetSpec, given: GivenMaps, tiles: TileSet) -> None:
             got = " and ".join(kinds)
             raise InputError(
                 f"maps_from: expected codes that the tile set has pictures for, got {got}, {name}"
+            )
+        if spec.format == "parquet":
+            _check_columns(road_map, name)
+
+
+def _check_columns(road_map: RoadMap, name: str) -> None:
+    """Checks that the columns of a Parquet file hold the whole numbers of a map."""
+    numbers = [*(road_map.metrics or {}).values(), road_map.fitness]
+    numbers += [*(road_map.niche or ()), *(road_map.seed or ())]
+    for number in numbers:
+        if isinstance(number, int) and abs(number) > _LARGEST_IN_PARQUET:
+            raise InputError(
+                f"maps_from: expected whole numbers to {_LARGEST_IN_PARQUET}, for parquet, "
+                f"got {shorten(repr(number))}, {name}"
             )
 
 

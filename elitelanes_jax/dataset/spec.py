@@ -22,7 +22,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.engine import part_of
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._transforms import (
@@ -71,7 +71,8 @@ def parse_sides(size: UserValue) -> Sides:
         ranges = [size]
     if not isinstance(ranges, Sequence) or len(ranges) not in (1, 2):
         raise InputError(
-            f"expected a range of sides such as 8..14, or two, of rows and columns, got {size!r}"
+            "expected a range of sides such as 8..14, or two, of rows and columns, "
+            f"got {shorten(repr(size))}"
         )
     return tuple(_parse_range(each) for each in ranges)
 
@@ -80,7 +81,9 @@ def _parse_range(text: UserValue) -> tuple[int, int]:
     """Reads a side, or the smallest and the largest one: ``8``, ``8..14`` or a pair."""
     sides = [whole(2, LONGEST_SIDE)(end) for end in range_ends(text)]
     if len(sides) not in (1, 2) or sides[0] > sides[-1]:
-        raise InputError(f"expected the smallest and the largest side, such as 8..14, got {text!r}")
+        raise InputError(
+            f"expected the smallest and the largest side, such as 8..14, got {shorten(repr(text))}"
+        )
     return sides[0], sides[-1]
 
 
@@ -154,7 +157,7 @@ class DatasetSpec(Record):
                 if self.maps_from is not None:
                     few = "maps_from"
                     got += self.maps_from.describe_left_out()
-                expected = f"enough for one in the {name}, {share:g} of them"
+                expected = f"enough for one in the split {name}, {share:g} of them"
                 raise InputError(
                     f"{few}: expected {expected}, got {got}; a split of 1 0 0 trains on all"
                 )

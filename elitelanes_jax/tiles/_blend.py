@@ -130,7 +130,8 @@ def feather(
         seams = np.arange(size, image.shape[axis], size)
         # Only the pixels near seams are mixed, because mixing the whole picture takes longer.
         near = (seams[:, None] + np.arange(-depth, depth)).reshape(-1)
-        shape = (len(near), -1, 3) if turned else (-1, len(near), 3)
+        # A map of one row or one column has no seams in one direction, and these shapes are empty.
+        shape = (len(near), image.shape[1], 3) if turned else (image.shape[0], len(near), 3)
         blended[near if turned else np.s_[:, near]] = np.rint(seen + change).reshape(shape)
         changes.append(change.reshape(shape))
         places.append(near)

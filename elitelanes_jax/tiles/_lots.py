@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import is_flag
+from elitelanes_jax._util.errors import InputError, shorten
 
 
 def draw_lots(seed: int | list[int], shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -13,6 +14,11 @@ def draw_lots(seed: int | list[int], shape: tuple[int, ...]) -> NDArray[np.float
       InputError: for a seed that is not whole numbers, 0 or more.
     """
     try:
-        return np.random.default_rng(seed).random(shape)
+        # NumPy draws a seed itself for None, and advances a generator: equal calls would differ. A
+        # `SeedSequence` takes None too, but no generator.
+        if seed is None or is_flag(seed):
+            raise TypeError
+        return np.random.default_rng(np.random.SeedSequence(seed)).random(shape)
     except (TypeError, ValueError):
-        raise InputError(f"seed: expected whole numbers, 0 or more, got {seed!r}") from None
+        got = shorten(repr(seed))
+        raise InputError(f"seed: expected whole numbers, 0 or more, got {got}") from None

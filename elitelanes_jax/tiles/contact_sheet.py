@@ -109,6 +109,9 @@ def _lay(picture: NDArray[np.uint8], face: NDArray[np.uint8], x: int, y: int) ->
     top, left = y - height // 2, x - width // 2
     rows = slice(max(top, 0), min(top + height, len(picture)))
     columns = slice(max(left, 0), min(left + width, picture.shape[1]))
+    if rows.start >= rows.stop or columns.start >= columns.stop:
+        # A sign of the user's may be up to a tile outside of the map, beyond the border.
+        return
     part = face[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
     part = part.astype(float)
     opacity = part[..., 3:] / 255

@@ -34,12 +34,12 @@ from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.tiles.files import Layer, read_image
 from elitelanes_jax.tiles.masking import (
     COLOURS,
+    MaskedTile,
     mask_folder,
     parse_colour,
     proposal_sheet,
     propose_layer_masks,
 )
-from elitelanes_jax.tiles.masking import Proposal as Masked
 from elitelanes_jax.tiles.photographs.cutting import cut_tiles, mask_cut
 from elitelanes_jax.tiles.photographs.proposals import Proposal, propose_tiles
 from elitelanes_jax.tiles.photographs.reading import Photograph
@@ -145,13 +145,7 @@ class HandWork:
         Returns the values of these tiles for the page, with their proposed masks.
         """
         photograph = self.photographs[values["photo"]]
-        proposal = Proposal(**values["proposal"])
-        size = photograph.image.shape[1], photograph.image.shape[0]
-        if np.shape(proposal.homography) != (3, 3) or (proposal.width, proposal.height) != size:
-            raise InputError(
-                f"{photograph.name}: expected a proposal for this photograph, got another one"
-            )
-        cuts = cut_tiles(photograph, proposal)
+        cuts = cut_tiles(photograph, Proposal(**values["proposal"]))
         if not cuts:
             raise InputError(
                 f"{photograph.name}: expected tiles of a sure kind, got none; set the kinds"
@@ -290,7 +284,7 @@ class HandWork:
             masks = self._masks_of(tile)
             for mask, pixels in masks.items():
                 write_png(target / name / f"{mask}.png", pixels.astype(np.uint8) * 255)
-            written.append(Masked(target / name, picture.layer.pixels, masks, ()))
+            written.append(MaskedTile(target / name, picture.layer.pixels, masks, ()))
         write_png(target / "masks.png", proposal_sheet("Masks corrected by hand", written))
 
 

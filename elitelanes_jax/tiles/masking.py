@@ -159,8 +159,8 @@ def propose_layer_masks(
     return {name: mask & image.opaque for name, mask in propose_masks(on_white, colours).items()}
 
 
-class Proposal(NamedTuple):
-    """The masks of one tile.
+class MaskedTile(NamedTuple):
+    """A tile with its masks.
 
     Attributes:
       folder: the folder of the tile.
@@ -178,7 +178,7 @@ class Proposal(NamedTuple):
 @name_wrong_arguments
 def mask_folder(
     folder: str | Path, colours: Mapping[str, Colour] = COLOURS, overwrite: Collection[str] = ()
-) -> list[Proposal]:
+) -> list[MaskedTile]:
     """Proposes the masks that the tiles of a set lack; writes nothing.
 
     Args:
@@ -225,7 +225,7 @@ def _propose(
     colours: Mapping[str, Colour],
     overwrite: Collection[str],
     problems: list[str],
-) -> Proposal:
+) -> MaskedTile:
     """Proposes the masks that a tile lacks.
 
     `problems` gets a line for each error of an existing mask.
@@ -238,10 +238,10 @@ def _propose(
         masks[name] = (proposed[name] if existing is None else existing.pixels) & image.opaque
         if name in overwrite or not file.exists():
             names.append(name)
-    return Proposal(folder, image.pixels, masks, tuple(names))
+    return MaskedTile(folder, image.pixels, masks, tuple(names))
 
 
-def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint8]:
+def proposal_sheet(title: str, proposals: Sequence[MaskedTile]) -> NDArray[np.uint8]:
     """Draws every photograph with its masks to the right, uint8 ``[., ., 3]``, RGB."""
     pictures, captions = [], []
     for proposal in proposals:

@@ -59,20 +59,21 @@ def paste(
     """
     size = image.shape[0], image.shape[1]
     owners = np.zeros(size, np.uint16)
-    windows = [_window(one, size, near) for one in placed]
+    windows = [_window(item, size, near) for item in placed]
     covered = []
     # Each picture takes the pixels that it covers from the pictures behind it.
-    for index, (one, window) in enumerate(zip(placed, windows, strict=True)):
-        mask = _cover(one, window, near)
+    for index, (item, window) in enumerate(zip(placed, windows, strict=True)):
+        mask = _cover(item, window, near)
         covered.append(int(mask.sum()))
         if covered[-1]:
             owners[window][mask] = index + 1
-            _blend(image[window], one, window, near)
+            _blend(image[window], item, window, near)
     # What a picture owns at the end is what is seen of it.
     masks = [owners[window] == index + 1 for index, window in enumerate(windows)]
-    return owners, [
-        _seen(*one, size, near) for one in zip(placed, windows, masks, covered, strict=True)
-    ]
+    seen = []
+    for item, window, mask, count in zip(placed, windows, masks, covered, strict=True):
+        seen.append(_seen(item, window, mask, count, size, near))
+    return owners, seen
 
 
 def outline(pixels: UInt8[NDArray, "rows columns 4"]) -> Int[NDArray, "N 2"]:
@@ -103,9 +104,9 @@ def map_points(
 _Window: TypeAlias = tuple[slice, slice]
 
 
-def _window(one: Placed, size: tuple[int, int], near: float) -> _Window:
+def _window(item: Placed, size: tuple[int, int], near: float) -> _Window:
     """Returns the rows and columns that a picture can touch."""
-    corners = map_points(_corners(one), one.matrix)
+    corners = map_points(_corners(item), item.matrix)
     if (corners[:, 2] <= near).all():
         return np.s_[0:0, 0:0]
     if (corners[:, 2] <= near).any():
@@ -117,17 +118,17 @@ def _window(one: Placed, size: tuple[int, int], near: float) -> _Window:
     return np.s_[top : max(top, bottom), left : max(left, right)]
 
 
-def _corners(one: Placed) -> Float[NDArray, "4 2"]:
-    rows, columns = one.pixels.shape[:2]
+def _corners(item: Placed) -> Float[NDArray, "4 2"]:
+    rows, columns = item.pixels.shape[:2]
     return np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
 
 
-def _cover(one: Placed, window: _Window, near: float) -> Bool[NDArray, "h w"]:
+def _cover(item: Placed, window: _Window, near: float) -> Bool[NDArray, "h w"]:
     """Returns the pixels of a window whose centres lie on opaque pixels of a picture."""
-    rows, columns = one.pixels.shape[:2]
+    rows, columns = item.pixels.shape[:2]
     # The centre of each pixel is mapped back to the picture. The third coordinate is then 1 /
     # depth.
-    back = np.linalg.inv(one.matrix)
+    back = np.linalg.inv(item.matrix)
     y, x = (np.arange(part.start, part.stop) + 0.5 for part in window)
     u, v, inverse_depth = (part[0] * x + part[1] * y[:, None] + part[2] for part in back)
     ahead = (inverse_depth > 0) & (inverse_depth * near < 1)
@@ -135,13 +136,13 @@ def _cover(one: Placed, window: _Window, near: float) -> Bool[NDArray, "h w"]:
     u, v = u * depth, v * depth
     inside = ahead & (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
     u, v = (np.where(inside, part, 0).astype(int) for part in (u, v))
-    return inside & (one.pixels[v, u, 3] >= OPAQUE)
+    return inside & (item.pixels[v, u, 3] >= OPAQUE)
 
 
-def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: float) -> None:
+def _blend(part: UInt8[NDArray, "h w 3"], item: Placed, window: _Window, near: float) -> None:
     """Blends the colours of a picture into the pixels of a window."""
     height, width = part.shape[:2]
-    rows, columns = one.pixels.shape[:2]
+    rows, columns = item.pixels.shape[:2]
     # The samples of the window are a finer picture, which begins at the window's corner.
     shift = np.array(
         [
@@ -150,12 +151,12 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
             [0, 0, 1.0],
         ]
     )
-    matrix = shift @ one.matrix
-    opacity = one.pixels[..., 3:] / np.float32(255)
+    matrix = shift @ item.matrix
+    opacity = item.pixels[..., 3:] / np.float32(255)
     # Colours are multiplied by their opacity first, so that hidden colours of transparent pixels do
     # not shine through.
-    paint = np.dstack([one.pixels[..., :3] * opacity, opacity * 255]).astype(np.float32)
-    corners = map_points(_corners(one), matrix)
+    paint = np.dstack([item.pixels[..., :3] * opacity, opacity * 255]).astype(np.float32)
+    corners = map_points(_corners(item), matrix)
     if (corners[:, 2] > near).all():
         # Interpolation reads the nearest four pixels alone. A picture that becomes much smaller is
         # scaled down by area first.
@@ -187,7 +188,7 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
 
 
 def _seen(
-    one: Placed,
+    item: Placed,
     window: _Window,
     mask: Bool[NDArray, "h w"],
     covered: int,
@@ -204,15 +205,15 @@ def _seen(
     rows, columns = (
         np.flatnonzero(mask.any(axis=1 - axis)) + window[axis].start for axis in (0, 1)
     )
-    points = map_points(outline(one.pixels), one.matrix)
+    points = map_points(outline(item.pixels), item.matrix)
     points = points[points[:, 2] > near]
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     # If a part is beyond the edges, the areas of the picture's pixels in the view are added up. The
     # area of one is the determinant divided by the cube of its depth.
     if (low < 0).any() or (high > size[::-1]).any():
-        v, u = np.nonzero(one.pixels[..., 3] >= OPAQUE)
-        depth = map_points(np.column_stack([u + 0.5, v + 0.5]), one.matrix)[:, 2]
-        area = (abs(np.linalg.det(one.matrix)) / depth[depth > near] ** 3).sum()
+        v, u = np.nonzero(item.pixels[..., 3] >= OPAQUE)
+        depth = map_points(np.column_stack([u + 0.5, v + 0.5]), item.matrix)[:, 2]
+        area = (abs(np.linalg.det(item.matrix)) / depth[depth > near] ** 3).sum()
         covered = max(covered, round(float(area)))
     box = int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
     return Seen(box, (*low.tolist(), *(high - low).tolist()), int(mask.sum()) / covered)

@@ -50,6 +50,8 @@ It is the same for all sizes of pictures.
 
 # The smallest and the largest side of a tile in pixels.
 _SMALLEST, _LARGEST = 16, 512
+# The longest side of a picture that the encoder of PNG files takes, in pixels.
+_LONGEST_PNG = 1_000_000
 
 _L = TypeVar("_L", np.uint8, np.bool_)
 
@@ -194,15 +196,17 @@ def render(
         chosen = _check_choice(road_map.codes, tiles, chosen)
     elif seed is None:
         chosen = recall_choice(road_map, tiles)
+    if seed is None:
+        seed = 0
     if chosen is None:
-        chosen = choose_tiles(road_map.codes, tiles, 0 if seed is None else seed)
+        chosen = choose_tiles(road_map.codes, tiles, seed)
     layers = draw_layers(road_map.codes, tiles, chosen, tile_px, ("image", "labels", *MASKS))
     if objects is not None:
         # A wrong folder is refused for maps without objects too.
         objects = load_objects(objects)
     instances = None
     if road_map.objects:
-        pictures = load_objects(objects).choose(road_map.objects, seed or 0)
+        pictures = load_objects(objects).choose(road_map.objects, seed)
         placed, order = lay_all_flat(road_map.objects, pictures, tile_px)
         instances, _ = paste_objects(layers, placed, order)
     return Picture(**layers, instances=instances)
@@ -246,7 +250,8 @@ def check_tile_px(tile_px: UserValue) -> int:
     """Checks the side of a tile in pixels, 16 to 512."""
     if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
         raise InputError(
-            f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}"
+            f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, "
+            f"got {shorten(repr(tile_px))}"
         )
     return int(tile_px)
 
@@ -291,7 +296,8 @@ def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray
             f"column {column}, "
             f"got tile {chosen[row, column, 0]} rotated {chosen[row, column, 1]} times"
         )
-    return chosen
+    # Four times an index overflows in 8 bits.
+    return chosen.astype(int)
 
 
 def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -> NDArray[np.int_]:
@@ -338,7 +344,8 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
     """Encodes a picture as a PNG file.
 
     The picture is ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``. Raises
-    `InputError` for values that are not uint8 or uint16, another shape, or no pixel.
+    `InputError` for values that are not uint8 or uint16, another shape, no pixel, or a side of more
+    than a million pixels.
     """
     pixels = np.asarray(pixels)
     if (
@@ -350,6 +357,10 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
         raise InputError(
             "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], "
             f"got {pixels.dtype} {list(pixels.shape)}"
+        )
+    if max(pixels.shape) > _LONGEST_PNG:
+        raise InputError(
+            f"pixels: expected at most {_LONGEST_PNG:,} pixels a side, got {list(pixels.shape)}"
         )
     if pixels.ndim == 3:
         # OpenCV writes blue first.

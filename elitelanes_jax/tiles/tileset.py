@@ -17,7 +17,6 @@ have its stop lines on the wrong side.
 """
 
 import re
-import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -29,7 +28,7 @@ import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_folder, path, path_exists
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.lanes.curves import LANE_OFFSET, is_lane_offset
@@ -326,13 +325,13 @@ def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
     for key, value in about.items():
         if key not in _KEYS:
             keys = ", ".join(_KEYS)
-            problems.append(f"{file}: expected the keys {keys}, got {shorten(reprlib.repr(key))}")
+            problems.append(f"{file}: expected the keys {keys}, got {brief(key)}")
             continue
         is_right, expected = _KEYS[key]
         if is_right(value):
             right[key] = value
         else:
-            problems.append(f"{file}: expected {expected}, got {shorten(reprlib.repr(value))}")
+            problems.append(f"{file}: expected {expected}, got {brief(value)}")
     return right
 
 
@@ -341,7 +340,7 @@ def _names_to_save(folder: Path, missing: list[str]) -> str:
 
     It says which files of the folder, such as image.jpg, to save under the missing names.
     """
-    files = sorted(file.name for file in folder.iterdir())
+    files = sorted(file.name for file in folder.iterdir() if file.is_file())
     advice = ""
     for name in missing:
         alike = [file for file in files if Path(file).stem.lower() == Path(name).stem]

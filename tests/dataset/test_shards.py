@@ -256,3 +256,15 @@ def test_without_pyarrow_the_message_names_it(tmp_path, monkeypatch):
     ):
         make_dataset(small(format="parquet"), tmp_path / "out")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "about", [{"metrics": {"own": 2**70}}, {"fitness": 2**60}, {"niche": [2**70]}, {"seed": (2**70, 0)}]
+)
+def test_numbers_that_no_column_holds_are_refused_before_maps_are_drawn(about, tmp_path):
+    """They were an error of pyarrow without a name, after all maps of a shard were drawn."""
+    needs("parquet")
+    spec = small(maps_from=[RoadMap(LOOP, **about)], split=(1, 0, 0), format="parquet")
+    with pytest.raises(InputError, match="maps_from: expected whole numbers to 9007199254740992, for parquet, got"):
+        make_dataset(spec, tmp_path / "out")
+    assert not list(tmp_path.iterdir())

@@ -154,5 +154,11 @@ def test_reading():
 
 
 def test_a_crop_larger_than_the_map_is_refused():
-    with pytest.raises(InputError, match="expected a crop within the map's 40 x 30 pixels, got 32"):
+    message = "expected a crop within the map, 40 x 30 pixels at the smallest scale, got 32"
+    with pytest.raises(InputError, match=message):
         view_of(0, Transforms(crop=32), (30, 40))
+    # The message once named the size at which the crop would fit.
+    with pytest.raises(
+        InputError, match="expected a crop within the map, 20 x 15 pixels at the smallest scale, got 16"
+    ):
+        view_of(0, Transforms(crop=16, scale=(0.5, 1)), (30, 40))

@@ -120,6 +120,18 @@ def test_feathered_pixels_are_mixed_with_their_mirror_images(uneven, size):
     assert (got != plain.image).any()
 
 
+@pytest.mark.parametrize("codes", [[[5, 5, 5]], [[10], [10]], [[15]]])
+def test_a_map_of_one_row_or_column_is_blended_as_in_a_larger_map(codes, uneven):
+    """It has no seams in one direction, and a picture of it was an error of NumPy."""
+    image = render(codes, uneven, tile_px=40).image
+    height, width = image.shape[:2]
+    assert (height, width) == (40 * len(codes), 40 * len(codes[0]))
+    larger = np.pad(codes, ((0, 1), (0, 1)))
+    plain = render(larger, replace(uneven, blend=False), tile_px=40)
+    expected = feather(plain.image, plain.labels, larger)[:height, :width]
+    np.testing.assert_array_equal(feather(plain.image[:height, :width], plain.labels[:height, :width], codes), expected)
+
+
 def test_maps_are_toned_and_feathered_and_their_masks_and_labels_stay(uneven):
     plain, blended = (render(TOWN, replace(uneven, blend=blend), tile_px=40) for blend in (False, True))
     for name in ("road", "red", "yellow", "labels"):

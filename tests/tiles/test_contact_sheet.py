@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax.maps import furnish
+from elitelanes_jax.maps.furnishing.space import make_object
 from elitelanes_jax.tiles import load_objects, render
 from elitelanes_jax.tiles.contact_sheet import _face, contact_sheet, pin_signs, write_text
 
@@ -60,3 +61,11 @@ def test_signs_are_read_on_the_sheet(size):
         whole += (part[opaque] == face[opaque, :3]).all()
     assert whole == len(town.objects) == 32
     np.testing.assert_array_equal(pin_signs(plain, (), size)[border:-border, border:-border], plain)
+
+
+@pytest.mark.parametrize(("x", "y"), [(-1, -1), (-0.9, 1), (1, -1), (4, 1), (1, 4), (4, 4)])
+def test_a_sign_beyond_the_border_is_left_out(x, y):
+    """Objects may be up to a tile outside of the map, and the sheet of such a map was an error."""
+    plain = np.full((192, 192, 3), 90, np.uint8)
+    pinned = pin_signs(plain, [make_object("sign_stop", x, y, 0)], 64)
+    np.testing.assert_array_equal(pinned, pin_signs(plain, [], 64))

@@ -24,7 +24,7 @@ from elitelanes_jax.tiles import (
 )
 from elitelanes_jax.tiles.photographs import borders, kinds, proposals, reading
 from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_floor, turn_to_plan
-from elitelanes_jax.tiles.photographs.cutting import mask_cut
+from elitelanes_jax.tiles.photographs.cutting import mask_cut, write_cuts
 from elitelanes_jax.tiles.photographs.proposals import SURE
 from elitelanes_jax.tiles.photographs.reading import read_lens, read_photograph
 from elitelanes_jax.tiles.photographs.views import FloorView, places_of, view_of
@@ -198,6 +198,32 @@ def test_cuts_are_squares_of_their_kind_and_copies_are_named(shot, proposal):
     assert cut_tiles(shot, unsure) == []
 
 
+def test_no_two_tiles_get_one_name(shot, proposal, tmp_path):
+    """Without the copies among earlier tiles, a new tile got the name of another one and replaced its files."""
+    cuts = cut_tiles(shot, proposal)
+    turns = [cut for cut in cuts if cut.code in (3, 6, 9, 12)]
+    further = cut_tiles(shot, proposal, turns[2:])
+    names = [cut.name for cut in (*turns[2:], *further)]
+    assert len(names) == len(set(names)) == 11
+    with pytest.raises(InputError, match="cuts: expected each name once, got turn_1 2 times"):
+        write_cuts(tmp_path / "set", [*cuts, *cut_tiles(shot, proposal)])
+    assert not (tmp_path / "set").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"width": 5}, "floor: expected a proposal for this photograph, got another one"),
+        ({"sure": [[1.0]]}, "floor: expected a proposal for this photograph, got another one"),
+        ({"codes": [[16] * 3] * 3}, "proposal: codes: grid: expected tile codes 0 to 15, got 16"),
+    ],
+)
+def test_a_proposal_for_another_photograph_is_refused(shot, proposal, change, message):
+    """Its tiles were cut somewhere else in the photograph, without a word."""
+    with pytest.raises(InputError, match=message):
+        cut_tiles(shot._replace(name="floor"), proposal._replace(**change))
+
+
 def test_the_stop_line_of_a_neighbour_leaves_no_notch_in_the_road_of_a_turn(shot, proposal):
     turn = next(cut for cut in cut_tiles(shot, proposal) if cut.code == 6)
     size = len(turn.image)
@@ -315,6 +341,7 @@ def test_a_floor_as_dark_as_asphalt_needs_exact_corners():
         ([[0, 0], [0, 300], [300, 300], [300, 0]], "counter-clockwise"),
         ([[0, 0], [3000, 0], [300, 300], [0, 300]], "points within floor, 800 x 640 pixels"),
         ([[0, 0], [300, 0], [300, 300]], "four points"),
+        ([[0, 0], [300, 0], [300, np.nan], [0, 300]], r"corners: expected finite numbers, got .* \[300.0, nan\]"),
     ],
 )
 def test_bad_corners_are_named(shot, corners, message):
@@ -412,6 +439,19 @@ def test_a_png_is_turned_upright(tmp_path):
     np.testing.assert_array_equal(upright, np.rot90(plain, -1))
 
 
+def test_a_png_with_a_wrong_profile_of_colours_is_read_without_complaints(tmp_path, capfd):
+    """The decoder warned of this part on the terminal if the file had an opacity."""
+    file = tmp_path / "floor.png"
+    assert cv2.imwrite(str(file), np.full((300, 300, 4), 255, np.uint8))
+    content = file.read_bytes()
+    profile = b"iCCP" + b"x\0\0" + zlib.compress(b"none")
+    part = (len(profile) - 4).to_bytes(4) + profile + zlib.crc32(profile).to_bytes(4)
+    file.write_bytes(content[:33] + part + content[33:])
+    capfd.readouterr()
+    assert read_photograph(file).image.shape == (300, 300, 3)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
     """What was erased in a picture editor was once seen again."""
     picture = np.full((300, 300, 4), 255, np.uint8)
@@ -501,7 +541,10 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
     ("matrix", "message"),
     [
         ("[.nan, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
+        (f"[1{'0' * 400}, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
+        ("[f, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
         ("[0, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected focal lengths over 0, got 0 and 450"),
+        ("[450, 0, 200, 0, 450, 160, 0, 0, 0]", "camera_matrix: expected a last row of 0, 0, 1, got 0, 0, 0"),
     ],
 )
 def test_a_lens_that_shows_nothing_is_refused(matrix, message, tmp_path):
@@ -512,6 +555,29 @@ def test_a_lens_that_shows_nothing_is_refused(matrix, message, tmp_path):
     )
     with pytest.raises(InputError, match=f"camera.yaml: {message}"):
         read_lens(tmp_path / "camera.yaml")
+
+
+def test_numbers_without_a_point_are_read(tmp_path):
+    """PyYAML reads 1e-05 as text, but yaml-cpp, by which ROS writes calibrations, writes it."""
+    (tmp_path / "camera.yaml").write_text(
+        "image_width: 400\nimage_height: 320\ncamera_matrix: {data: [4.5e+02, 0, 2e2, 0, 450, 160, 0, 0, 1]}\n"
+        "distortion_coefficients: {data: [1e-05, -1e-3, 0, 0]}\n"
+    )
+    lens = read_lens(tmp_path / "camera.yaml")
+    assert lens.matrix[0].tolist() == [450, 0, 200]
+    assert lens.distortion.tolist() == [1e-5, -1e-3, 0, 0]
+
+
+def test_a_size_that_unfolds_to_a_long_text_is_told_in_short(tmp_path):
+    """Aliases of YAML made a message of 15 MB, and with a few more lines one that filled the memory."""
+    aliases = "".join(f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 9)}]\n" for level in range(1, 6))
+    (tmp_path / "camera.yaml").write_text(
+        f"a0: &a0 [1, 1]\n{aliases}image_width: *a5\nimage_height: 1\n"
+        "camera_matrix: {data: [450, 0, 200, 0, 450, 160, 0, 0, 1]}\ndistortion_coefficients: {data: [0, 0, 0, 0]}\n"
+    )
+    with pytest.raises(InputError, match="expected image_width and image_height in pixels, got ") as caught:
+        read_lens(tmp_path / "camera.yaml")
+    assert len(str(caught.value)) < 400
 
 
 def test_floors_are_compared_with_their_plan():

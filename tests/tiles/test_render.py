@@ -1,5 +1,6 @@
 """Rendering: pictures, masks and labels go together, at every size."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ from folders import read_picture
 from elitelanes_jax import InputError, RoadMap, render, repair, rotate
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles
-from elitelanes_jax.tiles.rendering import recall_choice, scale_tiles
+from elitelanes_jax.tiles.rendering import png_of, recall_choice, scale_tiles
 from elitelanes_jax.tiles.tileset import default_tiles
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
@@ -175,6 +176,8 @@ def test_wrong_arguments_are_refused(drawn_tiles):
     outside[0, 0, 0] = 99
     for arguments, message in (
         ({"seed": 2.5}, "seed: expected whole numbers, 0 or more, got"),
+        ({"seed": True}, "seed: expected whole numbers, 0 or more, got True"),
+        ({"seed": RNG}, "seed: expected whole numbers, 0 or more, got Generator"),
         ({"chosen": chosen[:2]}, r"chosen: expected integers of shape \(4, 6, 2\), got int64 of shape \(2, 6, 2\)"),
         ({"chosen": chosen * 1.0}, r"chosen: expected integers of shape \(4, 6, 2\), got float64"),
         ({"chosen": [[1], [2, 3]]}, r"chosen: expected integers of shape \(4, 6, 2\), got \[\[1\], \[2, 3\]\]"),
@@ -184,6 +187,32 @@ def test_wrong_arguments_are_refused(drawn_tiles):
     ):
         with pytest.raises(InputError, match=message):
             render(**{"source": GRID, "tiles": drawn_tiles} | arguments)
+
+
+def test_a_choice_without_a_seed_is_refused(drawn_tiles):
+    """NumPy draws another seed for each None, so that two calls chose different tiles."""
+    with pytest.raises(InputError, match="seed: expected whole numbers, 0 or more, got None"):
+        choose_tiles(GRID, drawn_tiles, seed=None)
+
+
+def test_a_choice_may_have_any_whole_numbers(drawn_tiles):
+    """Four times an index overflowed in 8 bits, and other tiles were drawn without a word."""
+    many = replace(drawn_tiles, tiles=drawn_tiles.tiles * 10)
+    chosen = choose_tiles(GRID, many, seed=1)
+    assert 64 < chosen[..., 0].max() < 256
+    expected, image = (
+        render(GRID, many, tile_px=16, chosen=choice).image for choice in (chosen, chosen.astype(np.uint8))
+    )
+    np.testing.assert_array_equal(image, expected)
+
+
+def test_a_picture_that_no_png_file_holds_is_refused(capfd):
+    """The encoder complained to the terminal, and Python's error was about a tuple."""
+    for shape in ((1, 1_000_001), (1_000_001, 1)):
+        with pytest.raises(InputError, match="pixels: expected at most 1,000,000 pixels a side, got"):
+            png_of(np.zeros(shape, np.uint8))
+    assert png_of(np.zeros((1, 1_000_000), np.uint8))
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_picture_is_written_with_its_masks(drawn_tiles, tmp_path):

@@ -94,6 +94,11 @@ def sparse(name):
     return lambda folder: ((folder / name).touch(), os.truncate(folder / name, 20 * 2**30))
 
 
+def make_folder(file):
+    file.unlink()
+    file.mkdir()
+
+
 def text(name, content):
     return lambda folder: (folder / name).write_text(content)
 
@@ -179,6 +184,7 @@ SPOILS = [
         lambda folder: (folder / "turn_2/image.png").rename(folder / "turn_2/Image.JPG"),
         "turn_2: expected .*, got no image.png; save Image.JPG as image.png$",
     ),
+    (lambda folder: make_folder(folder / "turn_2/image.png"), r"turn_2: expected .*, got no image.png$"),
     (without("crossing*"), r"expected tiles of every kind a map needs .*, got no crossing"),
     (without("straight*"), r"expected tiles of every kind a map needs .*, got no straight"),
     (without("*_*"), r"got no straight and no turn and no crossing"),

@@ -1,6 +1,7 @@
 """Cuts tiles out of photographs, each a square picture seen from above."""
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.checks import check_named, check_unique, path
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
 from elitelanes_jax.tiles._light import ground_of, in_daylight
 from elitelanes_jax.tiles.files import check_picture
-from elitelanes_jax.tiles.masking import Proposal as Masked
-from elitelanes_jax.tiles.masking import propose_masks
+from elitelanes_jax.tiles.masking import MaskedTile, propose_masks
 from elitelanes_jax.tiles.photographs.proposals import SURE, Proposal
 from elitelanes_jax.tiles.photographs.reading import Photograph
 from elitelanes_jax.tiles.photographs.views import flatten, places_of
@@ -67,16 +69,16 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
     Args:
       photograph: the photograph that the proposal was made for.
       proposal: the proposal, which says where the tiles are. Its score is not checked.
-      earlier: tiles of other photographs. Names continue after theirs.
+      earlier: tiles of other photographs. Their names are not used again.
 
     Returns:
       The new tiles, by row and column.
 
     Raises:
-      InputError: for a photograph that is not uint8 ``[H, W, 3]``.
+      InputError: for a photograph that is not uint8 ``[H, W, 3]``, or a proposal for another one.
     """
     check_named("photograph: image", check_picture, photograph.image)
-    codes, sure = np.array(proposal.codes), np.array(proposal.sure)
+    codes, sure = _read_cells(photograph, proposal)
     rows, columns = codes.shape
     seen = proposal.view.tile_pixels(rows, columns)
     # The side is a multiple of 32 pixels.
@@ -91,10 +93,35 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
         )
         code = int(codes[row, column])
         of_kind = [cut for cut in (*earlier, *cuts) if KIND_OF[cut.code] == KIND_OF[code]]
-        name = f"{KIND_OF[code]}_{len(of_kind) + 1}"
+        name = _next_name(KIND_OF[code], of_kind)
         original = _find_original(of_kind, code, image)
         cuts.append(Cut(name, code, image, photograph.name, row, column, copy_of=original))
     return cuts
+
+
+def _read_cells(
+    photograph: Photograph, proposal: Proposal
+) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+    """Returns the codes of a proposal's cells and how sure they are, ``[H, W]`` each.
+
+    A proposal may come from a page or a file, so its shapes are checked.
+    """
+    codes = np.asarray(check_named("proposal: codes", check_grid, proposal.codes))
+    has_its_size = (proposal.height, proposal.width) == photograph.image.shape[:2]
+    has_shapes = np.shape(proposal.homography) == (3, 3) and np.shape(proposal.sure) == codes.shape
+    if not (has_its_size and has_shapes):
+        raise InputError(
+            f"{photograph.name}: expected a proposal for this photograph, got another one"
+        )
+    return codes, np.array(proposal.sure)
+
+
+def _next_name(kind: str, of_kind: Sequence[Cut]) -> str:
+    """Returns the name of the next tile of a kind."""
+    # If the user left out some of the earlier tiles, the next number may be that of another one.
+    taken = {cut.name for cut in of_kind}
+    names = (f"{kind}_{number}" for number in count(len(of_kind) + 1))
+    return next(name for name in names if name not in taken)
 
 
 def _find_original(of_kind: Sequence[Cut], code: int, image: NDArray[np.uint8]) -> str:
@@ -175,17 +202,22 @@ def _without_red_rim(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @name_wrong_arguments
-def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[Masked]:
+def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[MaskedTile]:
     """Writes a tile set: the picture of each tile, and proposed masks.
 
     Files of the same names are replaced.
 
     Returns:
       What was written of each tile: its `folder`, its `image`, and its `masks` by name.
+
+    Raises:
+      InputError: if two tiles have the same name; `cut_tiles` with `earlier` gives them other ones.
+      OSError: if a file cannot be written.
     """
     folder, written = Path(check_named("folder", path, folder)), []
+    check_unique("cuts", "name", [cut.name for cut in cuts])
     for cut in cuts:
-        tile = Masked(folder / cut.name, cut.image, mask_cut(cut), MASKS)
+        tile = MaskedTile(folder / cut.name, cut.image, mask_cut(cut), MASKS)
         write_png(tile.folder / "image.png", tile.image)
         for name, mask in tile.masks.items():
             write_png(tile.folder / f"{name}.png", mask.astype(np.uint8) * 255)

@@ -325,8 +325,10 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
     They must be in the photograph, clockwise, around a convex area.
     """
     points = np.asarray(corners, np.float64)
-    if points.shape != (4, 2) or not np.isfinite(points).all():
+    if points.shape != (4, 2):
         raise InputError(f"corners: expected four points x, y, got {list(points.shape)}")
+    if not np.isfinite(points).all():
+        raise InputError(f"corners: expected finite numbers, got {points.tolist()}")
     height, width = photograph.image.shape[:2]
     # Corners may be outside of the photograph by 2 % of its width.
     outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)

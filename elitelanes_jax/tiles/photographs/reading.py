@@ -4,7 +4,8 @@ Photographs are read at a size that fits the memory.
 """
 
 import re
-from math import isfinite
+import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
-from elitelanes_jax._util.errors import InputError, reason
+from elitelanes_jax._util.errors import InputError, brief, reason
 from elitelanes_jax._util.files import MIB, read_bytes, read_text
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.tiles.files import decode_png, plain_png, png_size
 
 # The most bytes of a file.
@@ -247,6 +249,9 @@ def read_lens(file: str | Path) -> Lens:
             f"{file}: camera_matrix: expected focal lengths over 0, "
             f"got {matrix[0, 0]:g} and {matrix[1, 1]:g}"
         )
+    if not np.array_equal(matrix[2], (0, 0, 1)):
+        got = ", ".join(f"{number:g}" for number in matrix[2])
+        raise InputError(f"{file}: camera_matrix: expected a last row of 0, 0, 1, got {got}")
     # OpenCV's model of a fisheye lens has four coefficients. Its other model has any of these
     # numbers.
     distortion = _numbers(
@@ -255,7 +260,8 @@ def read_lens(file: str | Path) -> Lens:
     width, height = (values.get(name, 0) for name in ("image_width", "image_height"))
     if not all(is_whole(side) and 0 < side < 1e5 for side in (width, height)):
         raise InputError(
-            f"{file}: expected image_width and image_height in pixels, got {width!r} and {height!r}"
+            f"{file}: expected image_width and image_height in pixels, "
+            f"got {brief(width)} and {brief(height)}"
         )
     return Lens(matrix, distortion, fisheye, int(width), int(height))
 
@@ -263,12 +269,24 @@ def read_lens(file: str | Path) -> Lens:
 def _numbers(file: Path, values: dict, name: str, lengths: tuple[int, ...]) -> NDArray[np.float64]:
     entry = values.get(name)
     data = entry.get("data") if isinstance(entry, dict) else None
-    numbers = data if isinstance(data, list) else []
-    if len(numbers) not in lengths or not all(is_real(part) and isfinite(part) for part in numbers):
+    numbers = [_number(part) for part in data] if isinstance(data, list) else []
+    if len(numbers) not in lengths or None in numbers:
         raise InputError(
             f"{file}: {name}: expected data, a list of {' or '.join(map(str, lengths))} numbers"
         )
     return np.array(numbers, np.float64)
+
+
+def _number(value: UserValue) -> float | None:
+    """Returns a finite number, or None for anything else."""
+    # Other programs write 1e-05, which PyYAML reads as text because it has no point.
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = float(value)
+    # A whole number may be larger than all floats.
+    if not is_real(value) or not abs(value) <= sys.float_info.max:
+        return None
+    return float(value)
 
 
 def _is_transparent(content: bytes) -> bool:
@@ -278,7 +296,8 @@ def _is_transparent(content: bytes) -> bool:
     has_alpha = content[25] in (4, 6)
     if not has_alpha and b"tRNS" not in content:
         return False
-    picture = decode_png(content)
+    # Of the other parts, the decoder may complain to the terminal.
+    picture = decode_png(plain_png(content))
     if picture is None or picture.ndim < 3 or picture.shape[2] < 4:
         return False
     return bool((picture[..., 3] < np.iinfo(picture.dtype).max).any())
