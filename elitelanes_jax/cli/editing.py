@@ -55,10 +55,10 @@ def add_edit(commands: Commands) -> None:
 def _edit(options: argparse.Namespace) -> int:
     from elitelanes_jax.explorer.serving import HandServer
     from elitelanes_jax.tiles.editing import HandWork
-    from elitelanes_jax.tiles.photographs.reading import read_photograph
+    from elitelanes_jax.tiles.photographs.reading import Photograph
 
     # Photographs are read before the server starts, so that a bad file is an error in the terminal.
-    photographs = [read_photograph(file) for file in options.photos]
+    photographs = [Photograph.read(file) for file in options.photos]
     work = HandWork(options.folder, photographs, tuple(options.size))
     # Port 0 means any free port.
     port = options.port or 0

@@ -180,7 +180,7 @@ def _cut_photographs(
     """
     from elitelanes_jax.tiles.photographs.cutting import cut_tiles
     from elitelanes_jax.tiles.photographs.proposals import SURE
-    from elitelanes_jax.tiles.photographs.reading import read_photograph
+    from elitelanes_jax.tiles.photographs.reading import Photograph
     from elitelanes_jax.tiles.photographs.sheet import draw_proposal
 
     # One camera has taken all photographs.
@@ -188,7 +188,7 @@ def _cut_photographs(
     photographs = _CutPhotographs([], [], [], [], [])
     for file, corners_of_file in zip(options.photos, corners, strict=True):
         try:
-            photograph = read_photograph(file, lens)
+            photograph = Photograph.read(file, lens)
             with _naming_photograph(file, photograph):
                 proposal = _propose(
                     photograph, shape, corners_of_file, exact=options.exact, codes=plan
@@ -360,9 +360,9 @@ def _read_floor(
     import numpy as np
 
     from elitelanes_jax.tiles.photographs.proposals import SURE
-    from elitelanes_jax.tiles.photographs.reading import read_photograph
+    from elitelanes_jax.tiles.photographs.reading import Photograph
 
-    photograph = read_photograph(options.photo, _read_lens(options))
+    photograph = Photograph.read(options.photo, _read_lens(options))
     with _naming_photograph(options.photo, photograph):
         proposal = _propose(photograph, shape, corners, exact=options.exact, tiles=tiles)
     # A floor that was not found has no codes that mean anything.

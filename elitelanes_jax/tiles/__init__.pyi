@@ -10,7 +10,6 @@ from .photographs.cutting import write_cuts as write_cuts
 from .photographs.proposals import Proposal as Proposal
 from .photographs.proposals import propose_tiles as propose_tiles
 from .photographs.reading import Photograph as Photograph
-from .photographs.reading import read_photograph as read_photograph
 from .rendering import LABEL_COLOURS as LABEL_COLOURS
 from .rendering import LABELS as LABELS
 from .rendering import Picture as Picture

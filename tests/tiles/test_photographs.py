@@ -13,7 +13,6 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.tiles import (
-    Photograph,
     Proposal,
     TileSet,
     cut_tiles,
@@ -26,7 +25,7 @@ from elitelanes_jax.tiles.photographs import borders, kinds, proposals, reading
 from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_floor, turn_to_plan
 from elitelanes_jax.tiles.photographs.cutting import mask_cut, write_cuts
 from elitelanes_jax.tiles.photographs.proposals import SURE
-from elitelanes_jax.tiles.photographs.reading import read_lens, read_photograph
+from elitelanes_jax.tiles.photographs.reading import Photograph, read_lens
 from elitelanes_jax.tiles.photographs.views import FloorView, places_of, view_of
 from elitelanes_jax.tiles.sides import describe_lanes, measure_sides
 
@@ -375,11 +374,11 @@ def test_photographs_are_upright_and_large_ones_smaller(tmp_path, monkeypatch):
     (tmp_path / "turned.jpg").write_bytes(
         content[:2] + b"\xff\xe1" + (len(turned) + 2).to_bytes(2) + turned + content[2:]
     )
-    plain = read_photograph(tmp_path / "plain.jpg")
-    upright = read_photograph(tmp_path / "turned.jpg")
+    plain = Photograph.read(tmp_path / "plain.jpg")
+    upright = Photograph.read(tmp_path / "turned.jpg")
     np.testing.assert_array_equal(upright.image, np.rot90(plain.image, -1))
     monkeypatch.setattr(reading, "_MOST_READ", 800 * 640 / 3)
-    small = read_photograph(tmp_path / "plain.jpg")
+    small = Photograph.read(tmp_path / "plain.jpg")
     assert small.image.shape == (320, 400, 3) and small.shrunk == 2
     np.testing.assert_allclose(small.pixels_of(np.array([[100.5, 200.5]])), [[50, 100]])
 
@@ -397,18 +396,18 @@ def test_the_size_of_a_jpeg_is_read_as_its_decoder_reads_it(stray, tmp_path, mon
     (tmp_path / "stray.jpg").write_bytes(jpeg_with(stray))
     monkeypatch.setattr(reading, "_MOST_READ", 60_000)
     with pytest.raises(InputError, match="at least 200 pixels a side, got 200 x 150"):  # read at a half
-        read_photograph(tmp_path / "stray.jpg")
+        Photograph.read(tmp_path / "stray.jpg")
     monkeypatch.setattr(reading, "_MOST_PIXELS", 100_000)
     message = "expected at most 0.1 megapixels, got 400 x 300; save it smaller$"
     with pytest.raises(InputError, match=message):
-        read_photograph(tmp_path / "stray.jpg")
+        Photograph.read(tmp_path / "stray.jpg")
 
 
 def test_a_jpeg_without_a_frame_header_is_refused(tmp_path):
     content = jpeg_with(b"")
     (tmp_path / "cut.jpg").write_bytes(content[: content.index(b"\xff\xc0")] + b"\xff\xd9")
     with pytest.raises(InputError, match="cut.jpg: expected a photograph, .* got one that cannot be read"):
-        read_photograph(tmp_path / "cut.jpg")
+        Photograph.read(tmp_path / "cut.jpg")
 
 
 @pytest.mark.parametrize("damage", ["unfinished", "changed"])
@@ -423,7 +422,7 @@ def test_a_damaged_png_is_refused_without_complaints_of_the_decoder(damage, tmp_
     (tmp_path / "floor.png").write_bytes(content)
     capfd.readouterr()
     with pytest.raises(InputError, match="floor.png: expected a photograph, .* got one that cannot be read"):
-        read_photograph(tmp_path / "floor.png")
+        Photograph.read(tmp_path / "floor.png")
     assert capfd.readouterr() == ("", "")
 
 
@@ -435,7 +434,7 @@ def test_a_png_is_turned_upright(tmp_path):
     # The header ends at byte 33.
     part = (len(exif) - 4).to_bytes(4) + exif + zlib.crc32(exif).to_bytes(4)
     (tmp_path / "turned.png").write_bytes(content[:33] + part + content[33:])
-    plain, upright = (read_photograph(tmp_path / name).image for name in ("plain.png", "turned.png"))
+    plain, upright = (Photograph.read(tmp_path / name).image for name in ("plain.png", "turned.png"))
     np.testing.assert_array_equal(upright, np.rot90(plain, -1))
 
 
@@ -448,7 +447,7 @@ def test_a_png_with_a_wrong_profile_of_colours_is_read_without_complaints(tmp_pa
     part = (len(profile) - 4).to_bytes(4) + profile + zlib.crc32(profile).to_bytes(4)
     file.write_bytes(content[:33] + part + content[33:])
     capfd.readouterr()
-    assert read_photograph(file).image.shape == (300, 300, 3)
+    assert Photograph.read(file).image.shape == (300, 300, 3)
     assert capfd.readouterr() == ("", "")
 
 
@@ -457,11 +456,11 @@ def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
     picture = np.full((300, 300, 4), 255, np.uint8)
     file = tmp_path / "floor.png"
     assert cv2.imwrite(str(file), picture)
-    assert read_photograph(file).image.shape == (300, 300, 3)
+    assert Photograph.read(file).image.shape == (300, 300, 3)
     picture[:9, :9, 3] = 0
     assert cv2.imwrite(str(file), picture)
     with pytest.raises(InputError, match="floor.png: expected a photograph without transparent pixels"):
-        read_photograph(file)
+        Photograph.read(file)
 
 
 @pytest.mark.parametrize("depth", [1, 2, 4, 8, 16])
@@ -484,9 +483,9 @@ def test_a_grey_photograph_with_one_transparent_grey_is_refused(depth, tmp_path)
         return tmp_path / "floor.png"
 
     with pytest.raises(InputError, match="floor.png: expected a photograph without transparent pixels"):
-        read_photograph(write(most // 2))
+        Photograph.read(write(most // 2))
     if depth > 1:  # no pixel has the declared grey
-        assert (read_photograph(write(most // 2 + 1)).image[20:] == 255).all()
+        assert (Photograph.read(write(most // 2 + 1)).image[20:] == 255).all()
 
 
 @pytest.mark.parametrize("change", [lambda image: image.astype(np.uint16) * 257, lambda image: image / 255])
@@ -504,7 +503,7 @@ def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix
     file = tmp_path / f"floor{suffix}"
     picture = photographed.photograph(TOWN)
     assert cv2.imwrite(str(file), cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
-    grey = read_photograph(file)
+    grey = Photograph.read(file)
     message = f"floor{suffix}: expected a photograph in colours, .* got a grey one"
     with pytest.raises(InputError, match=message):
         propose_tiles(grey, shape=TOWN.shape)
@@ -512,7 +511,7 @@ def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix
     np.testing.assert_array_equal(propose_tiles(grey, codes=TOWN).codes, TOWN)  # a map tells its kinds
     file = tmp_path / f"coloured{suffix}"
     photographed.write(file, picture)
-    np.testing.assert_array_equal(propose_tiles(read_photograph(file), shape=TOWN.shape).codes, TOWN)
+    np.testing.assert_array_equal(propose_tiles(Photograph.read(file), shape=TOWN.shape).codes, TOWN)
 
 
 def test_a_calibrated_lens_is_straightened(tmp_path):
@@ -525,8 +524,8 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
     dots = np.zeros((640, 800, 3), np.uint8)
     cv2.circle(dots, (120, 90), 4, (255, 255, 255), -1)
     photographed.write(tmp_path / "dots.png", dots)
-    shot = read_photograph(tmp_path / "dots.png", lens)
-    np.testing.assert_array_equal(read_photograph(tmp_path / "dots.png", tmp_path / "camera.yaml").image, shot.image)
+    shot = Photograph.read(tmp_path / "dots.png", lens)
+    np.testing.assert_array_equal(Photograph.read(tmp_path / "dots.png", tmp_path / "camera.yaml").image, shot.image)
     seen = np.argwhere(shot.image[..., 0] > 128).mean(axis=0)[::-1]
     np.testing.assert_allclose(shot.pixels_of(np.array([[120.0, 90.0]]))[0], seen, atol=0.3)
     assert np.linalg.norm(seen - [120, 90]) > 5
@@ -534,7 +533,7 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
     with pytest.raises(
         InputError, match=r"other.png: expected a photograph of the camera's ratio 400 x 320, got 500 x"
     ):
-        read_photograph(tmp_path / "other.png", lens)
+        Photograph.read(tmp_path / "other.png", lens)
 
 
 @pytest.mark.parametrize(
@@ -648,7 +647,7 @@ def test_an_earlier_set_is_kept(tmp_path, capsys):
     assert main(line) == 2
     assert main([*line, "--overwrite"]) == 0
     assert (tmp_path / "mine.before" / "turn_1" / "image.png").read_bytes() == b"by hand"
-    assert read_photograph(out / "sheet.png").image.shape[2] == 3
+    assert Photograph.read(out / "sheet.png").image.shape[2] == 3
     assert f"the earlier set is kept as {out}.before" in capsys.readouterr().out
 
 

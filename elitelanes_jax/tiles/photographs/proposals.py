@@ -191,7 +191,7 @@ def propose_tiles(
     """Proposes where the tiles in a photograph are.
 
     Args:
-      photograph: the photograph, from `read_photograph`.
+      photograph: the photograph, from `Photograph.read`.
       shape: the rows and columns of tiles, 1 to 40; those of `codes`, if they are given. A single
         tile may lie in any direction.
       corners: the corners of all tiles in pixels ``[4, 2]``, clockwise from the first row's first

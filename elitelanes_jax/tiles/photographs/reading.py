@@ -62,6 +62,46 @@ class Photograph(NamedTuple):
     shrunk: int = 1
     lens: "Lens | None" = None
 
+    @staticmethod
+    @name_wrong_arguments
+    def read(file: str | Path, lens: "Lens | str | Path | None" = None) -> "Photograph":
+        """Reads a JPEG or PNG file of a photograph, turned upright as its EXIF data say.
+
+        Args:
+          file: the file, of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a
+            quarter or an eighth of its size.
+          lens: the calibration of the camera, a YAML file as ROS's camera_calibration and
+            Duckietown write it. The distortion of its lens is removed.
+
+        Raises:
+          InputError: for another file, transparent pixels, or sides below 200 pixels; the message
+            says what to do.
+        """
+        file = Path(check_named("file", path, file))
+        if isinstance(lens, str | Path):
+            lens = read_lens(lens)
+        content = _read_content(file)
+        shrunk = _choose_reduction(file, content)
+        picture = _decode(file, content, shrunk)
+        if min(picture.shape[:2]) < _LEAST_SIDE:
+            got = f"{picture.shape[1]} x {picture.shape[0]}"
+            raise InputError(
+                f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, got {got}"
+            )
+        # A JPEG file has no transparency.
+        if not _is_jpeg(content) and _is_transparent(content):
+            raise InputError(
+                f"{file}: expected a photograph without transparent pixels, which hide colours; "
+                "save it as JPEG"
+            )
+        image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+        if lens is not None:
+            try:
+                image = lens.scaled(image).straighten_image(image)
+            except InputError as error:
+                raise InputError(f"{file}: {error}") from None
+        return Photograph(file.name, image, shrunk, lens)
+
     def pixels_of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns where pixels ``[N, 2]`` of the file's picture are in `image`."""
         # Whole numbers are the centres of pixels. Therefore half a pixel is added before sizes are
@@ -116,46 +156,6 @@ class Lens(NamedTuple):
                 cv2.fisheye.undistortImage(image, self.matrix, self.distortion, None, self.matrix)
             )
         return np.asarray(cv2.undistort(image, self.matrix, self.distortion), np.uint8)
-
-
-@name_wrong_arguments
-def read_photograph(file: str | Path, lens: Lens | str | Path | None = None) -> Photograph:
-    """Reads a JPEG or PNG file of a photograph, turned upright as its EXIF data say.
-
-    Args:
-      file: the file, of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a
-        quarter or an eighth of its size.
-      lens: the calibration of the camera, a YAML file as ROS's camera_calibration and Duckietown
-        write it. The distortion of its lens is removed.
-
-    Raises:
-      InputError: for another file, transparent pixels, or sides below 200 pixels; the message says
-        what to do.
-    """
-    file = Path(check_named("file", path, file))
-    if isinstance(lens, str | Path):
-        lens = read_lens(lens)
-    content = _read_content(file)
-    shrunk = _choose_reduction(file, content)
-    picture = _decode(file, content, shrunk)
-    if min(picture.shape[:2]) < _LEAST_SIDE:
-        got = f"{picture.shape[1]} x {picture.shape[0]}"
-        raise InputError(
-            f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, got {got}"
-        )
-    # A JPEG file has no transparency.
-    if not _is_jpeg(content) and _is_transparent(content):
-        raise InputError(
-            f"{file}: expected a photograph without transparent pixels, which hide colours; "
-            "save it as JPEG"
-        )
-    image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
-    if lens is not None:
-        try:
-            image = lens.scaled(image).straighten_image(image)
-        except InputError as error:
-            raise InputError(f"{file}: {error}") from None
-    return Photograph(file.name, image, shrunk, lens)
 
 
 def _read_content(file: Path) -> bytes:
