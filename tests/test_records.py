@@ -1,5 +1,6 @@
 """Records: each is checked when it is made, whatever it is of; those of JAX are pytrees."""
 
+import re
 from functools import cache
 
 import jax
@@ -19,6 +20,7 @@ from elitelanes_jax.optimizers import (
     EvolutionConfig,
     GwoConfig,
     MapElitesConfig,
+    Move,
     MoveWeights,
     PsoConfig,
 )
@@ -122,8 +124,38 @@ def test_replaced_fields_are_named():
 def test_numbers_become_plain_and_arrays_pass():
     assert type(EvolutionConfig(tile_rate=1).tile_rate) is float
     assert type(AnnealingConfig(cycle=np.int32(3)).cycle) is int
-    rates = jnp.array([0.1, 7.0])
+    rates = jnp.array([0.1, 0.7])
     assert EvolutionConfig(tile_rate=rates).tile_rate is rates
+
+
+@pytest.mark.usefixtures("any_types")
+def test_arrays_are_checked_as_numbers_are_and_tracers_by_their_dtype():
+    limits = np.array([0.1], np.float32)
+    assert Robot(dt=limits).dt is limits and float(limits[0]) > 0.1
+    wrong = {
+        "tile_rate: expected a number, 0 to 1, got 7.0": lambda: EvolutionConfig(tile_rate=jnp.array([0.1, 7.0])),
+        "tile_rate: expected a number, 0 to 1, got nan": lambda: EvolutionConfig(tile_rate=np.array([0.1, np.nan])),
+        "inertia: expected a number, 0 to 3, got -1.0": lambda: PsoConfig(inertia=np.array([-1.0, 0.5])),
+        "tile_rate: expected numbers, got bool [2]": lambda: EvolutionConfig(tile_rate=np.array([True, False])),
+        "tile_rate: expected numbers, got complex64 []": lambda: EvolutionConfig(tile_rate=jnp.array(1j)),
+        "horizon: expected whole numbers, got float32 [2]": lambda: GwoConfig(horizon=jnp.array([1.5, 2.0])),
+        "horizon: expected a whole number, 1 to .*, got -3": lambda: GwoConfig(horizon=jnp.array([4, -3])),
+        "cycle: expected a whole number, 1 or more, got 2.0": lambda: AnnealingConfig(cycle=np.array(2.0)),
+        "link: expected whole numbers, got float32 [2]": lambda: MoveWeights(link=jnp.ones(2)),
+        "user_moves: zigzag: expected whole numbers, got float32 []": lambda: MoveWeights(
+            user_moves={"zigzag": (jnp.ones(()), Move(2, lambda bits, grid, mate: grid))}
+        ),
+        "sky: expected a number, 0 to 255, got 256.0": lambda: Camera(sky=jnp.array([256.0, 0, 0])),
+        "ground: expected a number, 0 to 255, got -1.0": lambda: Camera(ground=(jnp.array([-1.0, 9.0]), 0, 0)),
+        "distortion: expected a number, -10 to 10, got 11": lambda: Camera(distortion=np.array([0, 11])),
+    }
+    for message, make in wrong.items():
+        with pytest.raises(InputError, match="^" + re.escape(message).replace(r"\.\*", ".*")):
+            make()
+    sums = jax.vmap(lambda horizon: GwoConfig(horizon=horizon).horizon + 1)(jnp.array([4, -3]))
+    assert sums.tolist() == [5, -2], "the numbers of tracers are unknown"
+    with pytest.raises(InputError, match=r"^horizon: expected whole numbers, got float32 \[\]"):
+        jax.vmap(lambda horizon: GwoConfig(horizon=horizon).horizon)(jnp.ones(2))
 
 
 @pytest.mark.parametrize("made", [AnnealedMapElitesConfig(), MapElitesConfig(), Camera(), RoadNavParams])

@@ -165,6 +165,7 @@ WRONG = {
     "map: expected a map, a grid or a file of one, got 3": lambda: render(3),
     "size: expected rows and columns, got {5: 1, 6: 2}": lambda: GenerateSpec(size={5: 1, 6: 2}),
     f"{LONG}: expected a folder of tile pictures, got none": lambda: load_tiles(LONG),
+    "at_most: expected True or False, got 3": lambda: GenerateSpec(tiles=Path(LONG), at_most=3),
     f"{LONG}: expected a folder of objects, got none": lambda: load_objects(LONG),
     "grid: expected rows of tile codes, got a RoadMap; give its codes": lambda: measure(RoadMap([[6, 3], [12, 9]])),
     "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),

@@ -5,11 +5,13 @@ from dataclasses import field, fields
 from typing import TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from elitelanes_jax._util.checks import Check
+from elitelanes_jax._util.checks import Check, is_whole
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Option, Record, option
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Numeric, UserValue
 
 R = TypeVar("R", bound=Record)
 
@@ -19,19 +21,47 @@ def static(default: UserValue, check: Check) -> UserValue:
     return field(default=default, metadata={"option": Option(check), "static": True})
 
 
-def traced(default: UserValue, check: Check) -> UserValue:
-    """Declares a field with a number or an array.
+def traced(default: UserValue, check: Check, each: Check | None = None) -> UserValue:
+    """Declares a field with a number or an array. One program serves all values.
 
-    One program serves all values. Arrays are not checked.
+    See `number_or_array` for `each`.
     """
+    return option(default, number_or_array(check, each, whole=is_whole(default)))
 
-    def check_number(value: UserValue) -> UserValue:
-        # Within a transformation the value may be a tracer, whose number is not known yet.
-        if isinstance(value, jax.Array | np.ndarray):
-            return value
-        return check(value)
 
-    return option(default, check_number)
+def number_or_array(check: Check, each: Check | None = None, *, whole: bool = False) -> Check:
+    """Makes a check for a number, or an array of numbers that each pass the check.
+
+    Within a transformation an array may be a tracer, of which only the dtype is known.
+
+    Args:
+      check: checks what is no array.
+      each: checks a number of an array, where `check` takes several numbers.
+      whole: whether the numbers are whole.
+    """
+    kind, expected = (np.integer, "whole numbers") if whole else (np.number, "numbers")
+    check_each = each or check
+
+    def check_value(value: UserValue) -> UserValue:
+        if not isinstance(value, jax.Array | np.ndarray):
+            return check(value)
+        if not jnp.issubdtype(value.dtype, kind) or jnp.iscomplexobj(value):
+            raise InputError(f"expected {expected}, got {value.dtype} {list(value.shape)}")
+        if not isinstance(value, jax.core.Tracer) and value.size:
+            numbers = np.asarray(value)
+            check_each(_number(numbers.min()))
+            check_each(_number(numbers.max()))
+        return value
+
+    return check_value
+
+
+def _number(number: Numeric) -> int | float:
+    """Returns a number of NumPy as one of Python, a float as its shortest text says it.
+
+    So 0.1 of float32, which is 0.100000001, does not exceed a limit of 0.1.
+    """
+    return int(number) if isinstance(number, np.integer) else float(str(number))
 
 
 def pytree(kind: type[R]) -> type[R]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple, Self
 
-from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.checks import check_named, instance, path_exists
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.types import UserValue
 
@@ -131,7 +131,7 @@ def inputs_among(
         for item in value if isinstance(value, list | tuple) else [value]:
             if isinstance(item, Record):
                 yield from item.inputs
-            elif isinstance(item, Path) and item.exists():
+            elif isinstance(item, Path) and path_exists(item):
                 yield str(item)
             elif isinstance(item, str):
                 yield from filter(is_input, dict.fromkeys([item, *item.split()]))

@@ -8,6 +8,9 @@ from typing import Annotated, Any, TypeAlias
 UserValue: TypeAlias = Any
 """A user's value, from Python, the command line or a file. The function that takes it checks it."""
 
+OptionValue: TypeAlias = Any
+"""The checked value of an option. Its type depends on the option's name, which is a variable."""
+
 Plain: TypeAlias = Any
 """A value of JSON, YAML or TOML. The function that reads it checks its type."""
 

@@ -19,7 +19,7 @@ from jaxtyping import Array, ArrayLike, Int, Int32, Key, UInt8, UInt32
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.pytrees import number_or_array, pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
@@ -65,25 +65,22 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
 
 
+_check_colour = real(0, 255)
+_check_distortion = real(-10, 10)
+
+
 def _colour(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 3:
         raise InputError(
             f"expected three numbers, 0 to 255, for red, green and blue, got {shorten(repr(value))}"
         )
-    return _parts(value, 0, 255)
+    return tuple(map(number_or_array(_check_colour), value))
 
 
 def _pair(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise InputError(f"expected two numbers, k1 and k2, got {shorten(repr(value))}")
-    return _parts(value, -10, 10)
-
-
-def _parts(values: UserValue, least: float, most: float) -> tuple[Numeric, ...]:
-    """Checks numbers of an option; arrays, which `jax.vmap` maps, are not checked."""
-    return tuple(
-        one if isinstance(one, jax.Array | np.ndarray) else real(least, most)(one) for one in values
-    )
+    return tuple(map(number_or_array(_check_distortion), value))
 
 
 @pytree
@@ -113,11 +110,11 @@ class Camera(Record):
     forward: Numeric = traced(0.066, real(-1, 1))
     pitch: Numeric = traced(19.15, real(-90, 90))
     field_of_view: Numeric = traced(75.0, real(1, 170))
-    distortion: Numeric = traced(None, none_or(_pair))
+    distortion: Numeric = traced(None, none_or(_pair), _check_distortion)
     light: Numeric = traced(1.0, real(0, 10))
     noise: Numeric = traced(None, none_or(real(0, 255)))
-    ground: Numeric = traced((86.0, 118.0, 72.0), _colour)
-    sky: Numeric = traced((115.0, 210.0, 255.0), _colour)
+    ground: Numeric = traced((86.0, 118.0, 72.0), _colour, _check_colour)
+    sky: Numeric = traced((115.0, 210.0, 255.0), _colour, _check_colour)
     rows: int = static(48, whole(1, 4096))
     columns: int = static(64, whole(1, 4096))
     objects: int = static(8, whole(1, 64))

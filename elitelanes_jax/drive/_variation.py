@@ -65,8 +65,7 @@ class Variation(Record):
     """The ranges of views.
 
     Each value of a picture is drawn uniformly from its range. None leaves a step out. A variation
-    is a pytree: a number may also be an array ``[batch]``, with a range for each picture. Arrays
-    are not checked.
+    is a pytree: a number may also be an array ``[batch]``, with a range for each picture.
 
     Attributes:
       offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.

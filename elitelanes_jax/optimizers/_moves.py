@@ -28,7 +28,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.errors import InputError, shorten, suggest
-from elitelanes_jax._util.pytrees import pytree, traced
+from elitelanes_jax._util.pytrees import number_or_array, pytree, traced
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -71,18 +71,13 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
 
 
 def _check_user_move(name: str, value: UserValue) -> tuple[AnyArray, Move]:
-    """Checks the weight and the move of one name.
-
-    Weights that are arrays may be traced, and are not checked.
-    """
+    """Checks the weight and the move of one name."""
     is_pair = isinstance(value, tuple | list) and len(value) == 2
     if not is_pair or not isinstance(value[1], Move):
         raise InputError(f"{name}: expected a weight and a Move, got {shorten(repr(value))}")
     weight, move = value
     check_named(f"{name}: apply", function_of("bits", "grid", "mate"), move.apply)
-    if not isinstance(weight, jax.Array | np.ndarray):
-        weight = check_named(name, whole(0), weight)
-    return weight, move
+    return check_named(name, number_or_array(whole(0), whole=True), weight), move
 
 
 @pytree

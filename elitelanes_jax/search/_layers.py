@@ -5,12 +5,13 @@ The layers are the options of the style, those that follow from example maps, an
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from elitelanes_jax._util.checks import check_named, none_or
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import check_names
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import OptionValue, UserValue
+from elitelanes_jax.problem.ranges import Range
 from elitelanes_jax.search.like import settings_like
 from elitelanes_jax.search.settings import OPTIONS, Settings, check_option
 
@@ -29,6 +30,9 @@ _DISCARDS = {"method": "preset", "axes": "targets"}
 
 # Options with one value for each feature. They are merged feature by feature.
 _BY_FEATURE = ("where", "weights")
+
+# A range, or the name of a feature and its weight.
+_Item = TypeVar("_Item", bound=Range | tuple[str, int])
 
 
 class Merged(NamedTuple):
@@ -63,7 +67,7 @@ def naming_origins(origins: Mapping[str, str]) -> Iterator[None]:
 
 def check_options(
     options: Mapping[str, UserValue], user_features: Collection[str], without: Collection[str] = ()
-) -> dict[str, UserValue]:
+) -> dict[str, OptionValue]:
     """Checks options, each alone; returns the checked values by name.
 
     Args:
@@ -85,14 +89,14 @@ def check_options(
     return checked
 
 
-def _check_large(large: UserValue, user_features: Collection[str]) -> dict[str, UserValue]:
+def _check_large(large: UserValue, user_features: Collection[str]) -> dict[str, OptionValue]:
     """Checks the options for large maps."""
     if not isinstance(large, Mapping):
         raise InputError(f"expected options by their names, got {shorten(repr(large))}")
     return check_options(large, user_features, without=NOT_OF_LARGE)
 
 
-def merge_layers(user_options: Mapping[str, UserValue]) -> Merged:
+def merge_layers(user_options: Mapping[str, OptionValue]) -> Merged:
     """Merges a user's checked options with those of the example maps and of the style.
 
     The user's options override those of the example maps, which override those of the style.
@@ -102,7 +106,7 @@ def merge_layers(user_options: Mapping[str, UserValue]) -> Merged:
     """
     user_features = user_options.get("features", ())
     # The user's layer is last, because later layers override earlier ones.
-    layers: list[Mapping[str, UserValue]] = [user_options]
+    layers: list[Mapping[str, OptionValue]] = [user_options]
     origins: dict[str, str] = {}
     if user_options.get("like"):
         like = check_options(settings_like(user_options["like"]), user_features)
@@ -129,13 +133,13 @@ def merge_layers(user_options: Mapping[str, UserValue]) -> Merged:
     return Merged(Settings(**merge_options(small) | named), large, origins)
 
 
-def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserValue]:
+def merge_options(layers: Sequence[Mapping[str, OptionValue]]) -> dict[str, OptionValue]:
     """Merges layers of checked options; each layer overrides the layers before it.
 
     Ranges and weights are merged feature by feature. A method discards the preset of the layers
     before, and axes discard the targets.
     """
-    merged: dict[str, UserValue] = {}
+    merged: dict[str, OptionValue] = {}
     for layer in layers:
         # This comes first, so that a layer with both options keeps its own.
         for name, other in _DISCARDS.items():
@@ -148,9 +152,7 @@ def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserVa
     return merged
 
 
-def _merge_by_feature(
-    earlier: tuple[UserValue, ...], later: tuple[UserValue, ...]
-) -> tuple[UserValue, ...]:
+def _merge_by_feature(earlier: tuple[_Item, ...], later: tuple[_Item, ...]) -> tuple[_Item, ...]:
     """Merges items that start with a feature's name.
 
     Later items override earlier ones in their place.
@@ -163,11 +165,11 @@ def _merge_by_feature(
     return tuple(by_feature.values())
 
 
-def _without_large(layer: Mapping[str, UserValue]) -> dict[str, UserValue]:
+def _without_large(layer: Mapping[str, OptionValue]) -> dict[str, OptionValue]:
     return {name: value for name, value in layer.items() if name != "large"}
 
 
-def _names_in(layer: Mapping[str, UserValue]) -> set[str]:
+def _names_in(layer: Mapping[str, OptionValue]) -> set[str]:
     """Returns the names of the options in a layer.
 
     Options for large maps are included, and "where NAME" for each range.

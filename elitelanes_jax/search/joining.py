@@ -11,7 +11,6 @@ import numpy as np
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError, shorten, warn_user
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.search.result import NO_STATE, History, Result
 
 
@@ -61,7 +60,7 @@ def without_state(result: Result) -> Result:
     return replace(result, state=NO_STATE)
 
 
-def _search_of(result: Result) -> dict[str, UserValue]:
+def _search_of(result: Result) -> dict[str, object]:
     """Returns by name all that results of one search have in common."""
     history = result.history
     common = dict(result.search.settings.values())
@@ -75,9 +74,7 @@ def _search_of(result: Result) -> dict[str, UserValue]:
     return common
 
 
-def _check_same_search(
-    index: int, got: dict[str, UserValue], expected: dict[str, UserValue]
-) -> None:
+def _check_same_search(index: int, got: dict[str, object], expected: dict[str, object]) -> None:
     for name in expected | got:
         if got.get(name) != expected.get(name):
             first, other = shorten(repr(expected.get(name)), 60), shorten(repr(got.get(name)), 60)

@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Literal, TypeAlias
 
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import OptionValue, Plain
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.records import (
     LONGEST_DETOUR,
@@ -225,7 +225,7 @@ def _spec_of_settings(settings: Settings) -> SearchSpec:
 
 
 def resolve_again(
-    search: Search, options: Mapping[str, UserValue], alphabet: tuple[int, ...]
+    search: Search, options: Mapping[str, OptionValue], alphabet: tuple[int, ...]
 ) -> Search:
     """Resolves a search with other options for maps that are chosen among its elites.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from elitelanes_jax._util.checks import check_named, flag, nonblank, none_or, one_of, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Option, option
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import OptionValue, Plain, UserValue
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.codes import check_alphabet
 from elitelanes_jax.network.records import Weights
@@ -131,7 +131,7 @@ class Settings:
     initial: Grids = option((), parse_initial, "MAP", flag="from", many=True)
     alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))
 
-    def values(self) -> dict[str, UserValue]:
+    def values(self) -> dict[str, OptionValue]:
         """Returns the values of the options, by name."""
         return {name: getattr(self, name) for name in OPTIONS}
 
@@ -154,7 +154,7 @@ OPTIONS: dict[str, Option] = {item.name: item.metadata["option"] for item in fie
 """The `Option` of each setting, by name."""
 
 
-def check_option(name: str, value: UserValue, user_features: Collection[str]) -> UserValue:
+def check_option(name: str, value: UserValue, user_features: Collection[str]) -> OptionValue:
     """Checks the value of an option alone.
 
     The message of an `InputError` starts with the option's name.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import inputs_among
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import OptionValue, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.records import Weights
 from elitelanes_jax.problem.descriptor import Axis
@@ -76,7 +76,7 @@ class SearchSpec:
         a style's file.
     """
 
-    options: Mapping[str, UserValue]
+    options: Mapping[str, OptionValue]
     inputs: tuple[str, ...]
 
     def __init__(self, **options: Unpack[SpecOptions]) -> None:
@@ -125,7 +125,7 @@ class SearchSpec:
         Raises:
           InputError: as the constructor does.
         """
-        earlier: dict[str, UserValue] = dict(self.options)
+        earlier: dict[str, OptionValue] = dict(self.options)
         if _check_budget(options):
             for name in BUDGET:
                 earlier.pop(name, None)
