@@ -164,6 +164,11 @@ WRONG = {
     "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: without_dead_ends("town.json"),
     "map: expected a map, a grid or a file of one, got 3": lambda: render(3),
     "size: expected rows and columns, got {5: 1, 6: 2}": lambda: GenerateSpec(size={5: 1, 6: 2}),
+    "size: expected rows and columns, got b'68'": lambda: GenerateSpec(size=b"68"),
+    "size: expected (height, width), two whole numbers, got [": lambda: GenerateSpec(
+        size=np.ma.masked_array([6, 8], [False, True])
+    ),
+    "shape: expected (height, width), two whole numbers, got {5: 1, 6: 2}": lambda: evolve(0, {5: 1, 6: 2}),
     f"{LONG}: expected a folder of tile pictures, got none": lambda: load_tiles(LONG),
     "at_most: expected True or False, got 3": lambda: GenerateSpec(tiles=Path(LONG), at_most=3),
     f"{LONG}: expected a folder of objects, got none": lambda: load_objects(LONG),

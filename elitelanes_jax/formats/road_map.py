@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -243,13 +243,10 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
         return read_maps(sources)
     if isinstance(sources, RoadMap):
         return [sources]
-    # Rows alone are one grid. They would otherwise be read as a list of maps.
-    is_single = _dimensions(sources) == 2
-    # An array without axes has the method of an iterable, and raises an error there.
-    is_several = isinstance(sources, Iterable) and getattr(sources, "ndim", 1) > 0
-    if isinstance(sources, Mapping) or not (is_single or is_several):
+    if not _may_be_maps(sources):
         raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
-    if is_single:
+    # Rows alone are one grid. They would otherwise be read as a list of maps.
+    if _dimensions(sources) == 2:
         return [RoadMap(sources)]
     maps: list[RoadMap] = []
     for index, source in enumerate(sources):
@@ -270,13 +267,22 @@ def as_map(source: UserValue) -> RoadMap:
     """
     if isinstance(source, str | Path):
         return read_map(source)
-    if _dimensions(source) == 0 and not isinstance(source, Iterator):
+    if not _may_be_maps(source):
         got = shorten(repr(source))
         raise InputError(f"map: expected a map, a grid or a file of one, got {got}")
     maps = as_maps(source)
     if len(maps) != 1:
         raise InputError(f"map: expected one map, got {len(maps)}")
     return maps[0]
+
+
+def _may_be_maps(value: UserValue) -> bool:
+    """Returns whether a value may be a map, a grid, or an iterable of them."""
+    if isinstance(value, Mapping):
+        return False
+    # An array without axes has the method of an iterable, and raises an error there.
+    is_several = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
+    return is_several or _dimensions(value) == 2
 
 
 def _dimensions(value: UserValue) -> int:

@@ -1,16 +1,23 @@
 """Checks of shapes and grids, for arrays of NumPy and JAX, without importing JAX."""
 
 import sys
+from collections.abc import Mapping, Set
 from pathlib import PurePath
 
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 
 LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
+
+NO_SHAPES = (Mapping, Set, bytes, bytearray)
+"""Types that are no shape, even if they have two whole numbers.
+
+The keys of a mapping are no sides, a set has no order, and the numbers of bytes are characters.
+"""
 
 
 @name_wrong_arguments
@@ -28,10 +35,11 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
     try:
         height, width = shape
         are_whole = int(height) == height and int(width) == width
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, OverflowError, np.ma.MaskError):
         are_whole = False
-    if not are_whole:
-        raise InputError(f"shape: expected (height, width), two whole numbers, got {shape!r}")
+    if not are_whole or isinstance(shape, NO_SHAPES):
+        got = shorten(repr(shape))
+        raise InputError(f"shape: expected (height, width), two whole numbers, got {got}")
     height, width = int(height), int(width)
     least, purpose = (2, " for new maps") if new else (1, "")
     if min(height, width) < least or max(height, width) > LONGEST_SIDE:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import deque
 
 import jax
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from elitelanes_jax import DatasetSpec, InputError, PickSpec, RoadMap, SearchSpec
 from elitelanes_jax.drive import make_levels
 from elitelanes_jax.formats import as_maps
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.maps.given import parse_given
 
 CODES = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
@@ -26,7 +28,8 @@ def file(tmp_path):
 def forms(file):
     """The map in each form, alone and in a list."""
     alone = [RoadMap(np.array(CODES)), np.array(CODES), jax.numpy.array(CODES), CODES, tuple(CODES), file, str(file)]
-    return [*alone, *([one] for one in alone), np.array([CODES]), iter([CODES]), (str(file),)]
+    several = [np.array([CODES]), iter([CODES]), (str(file),), deque([CODES]), {alone[0]}, {"town": CODES}.values()]
+    return [*alone, *([one] for one in alone), *several]
 
 
 TAKE = {
@@ -43,6 +46,14 @@ TAKE = {
 def test_maps_are_taken_in_every_form(name, file):
     for maps in forms(file):
         assert np.array_equal(TAKE[name](maps), CODES), maps
+
+
+def test_one_map_is_taken_in_every_form(file):
+    for source in forms(file):
+        assert np.array_equal(as_map(source).codes, CODES), source
+    for source in (3, np.array(3), {"codes": CODES}):
+        with pytest.raises(InputError, match="^map: expected a map, a grid or a file of one, got "):
+            as_map(source)
 
 
 @pytest.mark.parametrize("name", TAKE)

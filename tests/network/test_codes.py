@@ -78,7 +78,11 @@ def test_a_random_grid_does_not_depend_on_how_many_there_are():
 
 
 @pytest.mark.parametrize(
-    "shape", [(5, 0), (2,), (2, 2, 2), (2.5, 3), (2, 2.5, 2), (2.5, 2, 2), "ab", None, 7, (2, 2000)]
+    "shape",
+    [
+        *[(5, 0), (2,), (2, 2, 2), (2.5, 3), (2, 2.5, 2), (2.5, 2, 2), "ab", None, 7, (2, 2000)],
+        *[{5: 1, 6: 2}, {5, 6}, b"68", bytearray(b"68"), np.ma.masked_array([6, 8], [False, True])],
+    ],
 )
 def test_bad_shapes_are_refused(shape):
     with pytest.raises(ValueError, match="shape: expected"):

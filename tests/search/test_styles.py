@@ -246,6 +246,9 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
             with pytest.raises(InputError, match=f"^style 'own': {[*options][-1]}: expected ") as caught:
                 resolve(SearchSpec(style=style), (12, 12), room_for="maps")
             assert pickle.loads(pickle.dumps(caught.value)).args == caught.value.args
+    with pytest.raises(InputError, match="^alphabet: expected ") as caught:
+        resolve(SearchSpec(alphabet=[5, 10, 15]), (12, 12), room_for="maps")
+    assert pickle.loads(pickle.dumps(caught.value)).subject == "alphabet"
     with pytest.raises(InputError, match="^like: where 'box_fill="):
         evolve(0, like=[RING], rules=None)
     with pytest.raises(InputError, match="^like: where 'box_fill="):
