@@ -2,7 +2,7 @@
 
 A field is one line: its default and its check. The command line makes its options from the same
 lines (`elitelanes_jax.cli.arguments`). Records that JAX traces are in
-`elitelanes_jax._util.pytrees`.
+`elitelanes_jax.network.pytrees`.
 """
 
 import inspect

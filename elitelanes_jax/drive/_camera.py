@@ -19,7 +19,6 @@ from jaxtyping import Array, ArrayLike, Int, Int32, Key, UInt8, UInt32
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.pytrees import number_or_array, pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
@@ -29,6 +28,7 @@ from elitelanes_jax.drive.lanes import Pose, single
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.bits import mix
 from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.pytrees import number_or_array, pytree, static, traced
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import once
 

@@ -18,11 +18,11 @@ from jaxtyping import Array, Bool, Float, UInt32
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import none_or, real
-from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive._camera import Camera
 from elitelanes_jax.drive._hashing import fork, hash_bits, hash_normal, uniform
+from elitelanes_jax.network.pytrees import pytree, traced
 from elitelanes_jax.network.xla import once
 
 # The grains of a background's coarse and middle noise along each side of a picture.

@@ -48,7 +48,7 @@ def number_or_array(check: Check, each: Check | None = None, *, whole: bool = Fa
         if not jnp.issubdtype(value.dtype, kind) or jnp.iscomplexobj(value):
             raise InputError(f"expected {expected}, got {value.dtype} {list(value.shape)}")
         if not isinstance(value, jax.core.Tracer) and value.size:
-            numbers = np.asarray(value)
+            numbers = np.asarray(jax.device_get(value))
             check_each(_number(numbers.min()))
             check_each(_number(numbers.max()))
         return value
