@@ -18,10 +18,11 @@ a search:
     components        = tiles - roads + cyclomatic number
     a road is a bridge if and only if the same face is on both its sides
 
-Corner (r, c) is south-east of tile (r, c) and has the same index in the padded layout. The inner
-corners have rows 0..H-2 and columns 0..W-2; every other index belongs to the outer face. The road
-east of a tile separates the tile's corner from the corner to the north, and the road south of it
-from the corner to the west, so that each neighbour is a shift of one vector.
+Corner (r, c) is south-east of tile (r, c) and has the tile's index in the padded layout, in which an
+empty row comes before the tiles and an empty cell after each row. The inner corners have rows
+0..H-2 and columns 0..W-2; every other index belongs to the outer face. The road east of a tile
+separates the tile's corner from the corner to the north, and the road south of it from the corner
+to the west, so that each neighbour is a shift of one vector.
 """
 
 from collections.abc import Sequence
@@ -119,9 +120,9 @@ def _initial_labels(layout: PaddedLayout) -> np.ndarray:
     """Returns the label that each corner of the padded layout starts with.
 
     The labels of inner corners are unique and rising. All other corners have the label of the outer
-    face. Up to 254 inner corners (16 x 16 tiles) have labels 1, 2, 3 and so on, so that a label
-    fits a byte and a sweep is cheapest. In larger grids the label is the corner's index, so that a
-    label leads to its corner.
+    face. Fewer than 255 inner corners, such as those of 16 x 16 tiles, have labels 1, 2, 3 and so
+    on, so that a label fits a byte and a sweep is cheapest. In larger grids the label is the
+    corner's index, so that a label leads to its corner.
     """
     indices = np.arange((layout.height + 2) * layout.stride)
     rows, columns = indices // layout.stride, indices % layout.stride
@@ -267,11 +268,11 @@ def _far_walls(arrangement: _Arrangement, walls: _Walls) -> _Walls:
         # Steps lead south or east to a cell. The wall at this cell cuts the last step, and the
         # walls at the cells before it cut the earlier steps. Steps that leave a row or a grid pass
         # through corners of the outer face, so they never connect two inner faces.
-        first = (_FAR - 1) * step
-        far = walls[first:]
-        for start in range(0, first, step):
+        before = (_FAR - 1) * step
+        far = walls[before:]
+        for start in range(0, before, step):
             far |= walls[start : start + far.shape[0]]
-        return _extend(far, first, 0)
+        return _extend(far, before, 0)
 
     far: _Walls = arrangement.store(
         _Walls(any_wall(walls.east, arrangement.layout.stride), any_wall(walls.south, 1))
@@ -289,12 +290,12 @@ def _sweep(
     not change. With another array than `labels`, XLA computes the sweep in place and in one pass.
     """
     stride = arrangement.layout.stride
-    first = arrangement.margin + stride
+    margin = arrangement.margin + stride
     # `len` would refuse the symbolic sizes of `jax.export`.
-    length = labels.shape[0] - 2 * first
+    length = labels.shape[0] - 2 * margin
 
     def shifted(cells: Array, ahead: int) -> Array:
-        return lax.slice_in_dim(cells, first + ahead, first + ahead + length)
+        return lax.slice_in_dim(cells, margin + ahead, margin + ahead + length)
 
     least = shifted(labels, 0)
     for ahead, wall in (
@@ -307,7 +308,7 @@ def _sweep(
         (steps, shifted(walls.south, steps)),
     ):
         least = jnp.minimum(least, shifted(labels, ahead) | wall)
-    swept: Array = arrangement.store(lax.dynamic_update_slice_in_dim(into, least, first, 0))
+    swept: Array = arrangement.store(lax.dynamic_update_slice_in_dim(into, least, margin, 0))
     return swept
 
 
@@ -355,7 +356,8 @@ def _hook_and_jump(
     """Passes better labels on along the corners that labels name.
 
     Each better label goes to the corner that the old label names. Then every corner follows its
-    label once. Each round shortens a corridor by a factor, so that the longest spiral takes about
+    label once. The outer face's label 0 names cell 0, which is outside and keeps it. Each round
+    shortens a corridor by a factor, so that the longest spiral takes about
     log(corners) rounds: the idea of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad
     and Hu, 2020).
     """

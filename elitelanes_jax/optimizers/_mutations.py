@@ -70,15 +70,15 @@ def change_tile(alphabet: tuple[int, ...]) -> Move:
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(bits, grid)
-        # The new code is drawn among the others, and an index from that of the present code on is
-        # moved by one.
+        # The new code is drawn among the others: the drawn index skips that of the present code.
         before = index[jnp.max(jnp.where(dirty, grid, 0))]
         others = len(alphabet) - (before < len(alphabet)).astype(jnp.int32)
-        choice = randint(bits[2], jnp.maximum(others, 1))
+        # An alphabet of one code has no others. Both limits make the draw return this code.
+        choice = randint(bits[_TILE_BITS], jnp.maximum(others, 1))
         code = codes[jnp.minimum(choice + (choice >= before).astype(jnp.int32), len(alphabet) - 1)]
         return Variation(jnp.where(dirty, code, grid), dirty)
 
-    return Move(3, apply)
+    return Move(_TILE_BITS + 1, apply)
 
 
 def insert_crossing(alphabet: tuple[int, ...]) -> Move:
@@ -90,9 +90,11 @@ def insert_crossing(alphabet: tuple[int, ...]) -> Move:
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(bits, grid)
-        return Variation(jnp.where(dirty, crossings[randint(bits[2], crossings.size)], grid), dirty)
+        return Variation(
+            jnp.where(dirty, crossings[randint(bits[_TILE_BITS], crossings.size)], grid), dirty
+        )
 
-    return Move(3, apply)
+    return Move(_TILE_BITS + 1, apply)
 
 
 def paper_mutation(
@@ -126,6 +128,10 @@ def paper_mutation(
         return Variation(grid, dirty)
 
     return Move(sum(mutation.bits + 1 for mutation, _ in mutations), apply)
+
+
+# The bits that `_one_tile` uses: one for the row and one for the column.
+_TILE_BITS = 2
 
 
 def _one_tile(bits: UInt32[Array, " bits"], grid: Int8[Array, "H W"]) -> Bool[Array, "H W"]:

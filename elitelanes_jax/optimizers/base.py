@@ -78,8 +78,8 @@ class Optimizer(NamedTuple):
       elites: state -> `Population`, the grids that the optimiser has found; slots may be vacant.
       evaluations_per_step: int, the number of grids that a step evaluates.
       init_unevaluated: key -> state, or None. The grids of this state are not evaluated yet. A step
-        from it with any key evaluates them, and returns the state that `init` returns. So a search
-        compiles the evaluation once, in the step, and not also in the start.
+        from it evaluates them without using its key, and returns the state that `init` returns. So
+        a search compiles the evaluation once, in the step, and not also in the start.
     """
 
     init: Callable[[Key[Array, ""]], Pytree]

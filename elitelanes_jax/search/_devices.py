@@ -67,10 +67,10 @@ def _take_in_turn(devices: Sequence[jax.Device], count: int) -> list[jax.Device]
     return list(islice(cycle(devices), count))
 
 
-def divide(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
-    """Returns the devices for `cut`.
+def device_of_each_part(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
+    """Returns the device of each part into which `cut` cuts rows.
 
-    No part on a processor has more than `_MOST_ROWS` rows.
+    No part on a processor has more than `_MOST_ROWS` rows, so a device may have several parts.
     """
     on_processor = all(device.platform == "cpu" for device in devices)
     if not on_processor:

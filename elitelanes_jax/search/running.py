@@ -10,7 +10,8 @@
 4. `PreparedSearch.result` collects the elites from the states.
 
 Steps 2 and 3 keep the seeds in parts of equal size. Each part has a device, and a call of a program
-runs one part. A device may have several parts. Step 4 joins the parts.
+runs one part. A device may have several parts. Step 4 joins the parts. The parts that workers of an
+executor run are other ones, see `elitelanes_jax.search.parts`.
 """
 
 import time
@@ -44,7 +45,7 @@ from elitelanes_jax._util.types import Plain, Pytree
 from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.optimizers.presets import Config, config_to_plain
 from elitelanes_jax.search._checkpoint import Checkpoint
-from elitelanes_jax.search._devices import choose_devices, cut, divide, join
+from elitelanes_jax.search._devices import choose_devices, cut, device_of_each_part, join
 from elitelanes_jax.search._programs import MOST_GENERATIONS, Programs, States, find_programs
 from elitelanes_jax.search._setup import Setup, make_setup
 from elitelanes_jax.search._user_functions import (
@@ -169,7 +170,7 @@ class PreparedSearch:
     def result(self, states: Sequence[States], histories: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`.
 
-        There are states for each device, and a history for each stretch.
+        There are states for each part, and a history for each compiled call.
         """
         elites, inner = self.programs.collect(self.numbers, join(states, self.seeds))
         # A search without generations has no histories, but its history has an axis of seeds too.
@@ -214,7 +215,7 @@ def prepare_search(
         devices = [devices[0]]
         devices_of_parts = [devices[0]]
     else:
-        devices_of_parts = divide(devices, len(keys.data))
+        devices_of_parts = device_of_each_part(devices, len(keys.data))
     programs = find_programs(setup, keys.data, keys.single, devices_of_parts, uses_floats)
     # The budget and the devices are not part of the fingerprint, so both may change when a run is
     # continued.
@@ -267,7 +268,7 @@ def _evolve(
     was_complete = bool(histories) and generation == last
     # The number of histories that belong to `states`. An interruption may come after a history was
     # added and before its states are assigned.
-    count = len(histories)
+    complete = len(histories)
     height, width = run.search.shape
     label = f"{run.search.optimizer} {height}x{width}"
     with Progress(label, last, "generations", done=generation, shown=progress) as bar:
@@ -286,7 +287,7 @@ def _evolve(
             for later_states, history in _advance(run, states, generation, last, bar):
                 histories.append(history)
                 # One statement, so that an interruption cannot split it.
-                states, count = later_states, count + 1
+                states, complete = later_states, complete + 1
                 if checkpoint is not None and checkpoint.is_due():
                     checkpoint.save(run.result(states, histories, first))
             result = run.result(states, histories, first)
@@ -294,10 +295,10 @@ def _evolve(
                 checkpoint.save(result)
         except KeyboardInterrupt:
             # Before its evaluation in generation 0, no grid is an elite.
-            has_no_grids = generation < 0 and not count
+            has_no_grids = generation < 0 and not complete
             if states is None or has_no_grids:
                 raise
-            raise _interrupted(run, states, histories[:count], first, last, checkpoint) from None
+            raise _interrupted(run, states, histories[:complete], first, last, checkpoint) from None
     _warn_of_refused(result)
     return result
 
@@ -312,7 +313,7 @@ def _with_seed_axis(history: History) -> History:
 
 
 def _start(run: PreparedSearch) -> list[States]:
-    """Returns the first states of all seeds, by device."""
+    """Returns the first states of all seeds, by part."""
     keys_by_part = cut(run.keys.data, run.devices)
     return run.on_parts(run.programs.start, [(keys,) for keys in keys_by_part])
 
@@ -443,7 +444,7 @@ def _advance(
 ) -> Iterator[tuple[list[States], History]]:
     """Runs the generations after `generation` call by call.
 
-    Yields the states by device, and the history with the axis of seeds first.
+    Yields the states by part, and the history with the axis of seeds first.
     """
     keys_by_part = cut(run.keys.data, run.devices)
     per_step = run.programs.facts.evaluations_per_step
