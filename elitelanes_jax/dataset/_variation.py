@@ -1,8 +1,8 @@
 """What differs between pictures of one scene: background, shadows, lens, colours and compression.
 
-Each step takes a random state and a picture of floats, 0 to 255, RGB. Sizes of patterns are shares
-of the picture's sides, so that small and large pictures vary alike. All values are always drawn, so
-that a change of one range does not change the others.
+Each step takes a random generator and a picture, uint8 ``[h, w, 3]``, RGB. Sizes of patterns are
+shares of the picture's sides, so that small and large pictures vary alike. A step samples all its
+values, so that a change of one range does not change the others.
 """
 
 from typing import NamedTuple
@@ -40,21 +40,22 @@ def vary_background(
     """Shows random patterns instead of plain ground and sky.
 
     The share `background` of the pictures gets them. `ground` has the pixels of the ground that may
-    change, and `sky` those above the horizon.
+    change, and `sky` those above the horizon. The generator is this step's own: a picture that
+    keeps its background leaves the patterns unsampled.
     """
     if rng.uniform() >= transforms.background:
         return image
     shown = image.copy()
-    # All is drawn from `rng`, but only the rows that are shown are computed.
-    carpet, wall = _draw_pattern(rng, ground.shape), _draw_pattern(rng, ground.shape)
-    clutter = _draw_clutter(rng, sky.shape)
+    # All is sampled, but only the rows that are shown are painted.
+    carpet, wall = _sample_pattern(rng, ground.shape), _sample_pattern(rng, ground.shape)
+    clutter = _sample_clutter(rng, sky.shape)
     below, above = _rows_of(ground), _rows_of(sky)
     # The sky is shown separately, because only its pattern has rectangles.
     if below.stop:
-        _show(shown[below], carpet.draw(below), ground[below])
+        _show(shown[below], carpet.paint(below), ground[below])
     if above.stop:
-        behind = wall.draw(slice(above.stop))
-        clutter.draw(behind)
+        behind = wall.paint(slice(above.stop))
+        clutter.paint(behind)
         _show(shown[above], behind[above], sky[above])
     return shown
 
@@ -251,8 +252,8 @@ class _Pattern(NamedTuple):
     weights: Float[NDArray, " grains"]
     noises: list[Float[NDArray, "h w"]]
 
-    def draw(self, rows: slice) -> UInt8[NDArray, "r w 3"]:
-        """Draws some rows."""
+    def paint(self, rows: slice) -> UInt8[NDArray, "r w 3"]:
+        """Paints some rows."""
         first, *others = (noise[rows] for noise in self.noises)
         field = self.weights[0] * first
         for weight, noise in zip(self.weights[1:], others, strict=True):
@@ -265,7 +266,7 @@ class _Pattern(NamedTuple):
         return np.asarray(cv2.merge(planes), np.uint8)
 
 
-def _draw_pattern(rng: np.random.Generator, shape: tuple[int, ...]) -> _Pattern:
+def _sample_pattern(rng: np.random.Generator, shape: tuple[int, ...]) -> _Pattern:
     # Both colours have one grey level in common, from which the channels differ.
     colour = rng.uniform(10, 245) + rng.normal(size=(2, 3)) * [[30], [50]]
     # Squares make weak noise more frequent than strong noise.
@@ -284,15 +285,15 @@ class _Clutter(NamedTuple):
     corners: Int[NDArray, "N 2 2"]
     colours: UInt8[NDArray, "N 3"]
 
-    def draw(self, image: UInt8[NDArray, "h w 3"]) -> None:
-        """Draws the rectangles on a picture, or on its upper rows."""
+    def paint(self, image: UInt8[NDArray, "h w 3"]) -> None:
+        """Paints the rectangles on a picture, or on its upper rows."""
         for (low, high), colour in zip(self.corners, self.colours, strict=True):
             image[low[0] : high[0], low[1] : high[1]] = colour
 
 
-def _draw_clutter(rng: np.random.Generator, shape: tuple[int, ...]) -> _Clutter:
-    """Draws up to 5 rectangles for a picture of (rows, columns)."""
-    # All rectangles are drawn, and the first ones are shown.
+def _sample_clutter(rng: np.random.Generator, shape: tuple[int, ...]) -> _Clutter:
+    """Samples up to 5 rectangles for a picture of (rows, columns)."""
+    # All rectangles are sampled, and the first ones are shown.
     count = rng.integers(_RECTANGLES + 1)
     centres, sides = rng.uniform(size=(_RECTANGLES, 2)), rng.uniform(0.02, 0.4, (_RECTANGLES, 2))
     colours = rng.uniform(0, 255, (_RECTANGLES, 3))

@@ -170,7 +170,7 @@ def pack_sight(
       rotations: the pictures by code, each as (index in the set, quarter turns), as
         `TileSet.rotations` has them. A code without a picture is shown like code 0.
       camera: the options of the camera; by default `Camera()`.
-      objects: views of objects by kind, as `ObjectSet.views` has them; by default no objects are
+      objects: views of objects, as `ObjectSet.views_by_kind` has them; by default no objects are
         seen.
 
     Raises:
@@ -392,7 +392,10 @@ def render_view(
     objects: Objects | None,
     billboards: Billboards | None,
 ) -> View:
-    """Renders one frame from the tile of the atlas for each cell; the seed is of the noise, see `look`."""
+    """Renders one frame from the tile of the atlas for each cell.
+
+    The seed is of the noise, see `look`.
+    """
     tiles = jnp.asarray(tiles)
     height, width = tiles.shape
     size = atlas.shape[1]

@@ -114,7 +114,7 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
 
     Args:
       views: uint8 ``[rows, columns, 4]``, RGB and opacity, by kind and by degrees counter-clockwise
-        from the front, as `ObjectSet.views` has them.
+        from the front, as `ObjectSet.views_by_kind` has them.
 
     Raises:
       InputError: for unknown kinds, or arrays of other shapes.

@@ -438,7 +438,7 @@ def _make_scene(road_map: RoadMap, picture: Picture, size: int) -> _Scene:
     billboards = None
     if road_map.objects:
         objects = jax.tree.map(itemgetter(0), make_objects([road_map]))
-        billboards = make_billboards(load_objects().views)
+        billboards = make_billboards(load_objects().views_by_kind)
     return _Scene(cells, atlas, camera, objects, billboards)
 
 

@@ -1,4 +1,7 @@
-"""Makes the sight of `look` and the scenes of `views` from maps and pictures. OpenCV scales the pictures."""
+"""Makes the sight of `look` and the scenes of `views` from maps and pictures.
+
+OpenCV scales the pictures.
+"""
 
 import jax.numpy as jnp
 import numpy as np
@@ -45,7 +48,7 @@ def make_sight(
     tiles = _check_tiles(tiles)
     _check_objects(objects)
     scaled = scale_tiles(tiles, check_tile_px(tile_px))
-    views = None if objects is None else objects.views
+    views = None if objects is None else objects.views_by_kind
     return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, views)
 
 

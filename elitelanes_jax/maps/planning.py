@@ -94,8 +94,10 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
         )
     # A search with fixed cells does not fill all cells: these may be empty, or leave free cells
     # empty between them.
-    if furnish.on_blocks and search.fills_all_cells:
-        asked = " ".join(f"{name}={amount:g}" for name, amount in furnish.on_blocks.items())
+    if furnish.numbers_beside_roads and search.fills_all_cells:
+        asked = " ".join(
+            f"{name}={amount:g}" for name, amount in furnish.numbers_beside_roads.items()
+        )
         raise InputError(
             f"furnish: expected rules=duckietown or a style such as town with {asked}, "
             "got a search whose maps have no cells without road; "

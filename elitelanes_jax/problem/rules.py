@@ -18,7 +18,9 @@ class Rules(NamedTuple):
 
 
 RULES = {
-    # The source is Duckietown's appearance specification, "Topological constraints".
+    # The source is Duckietown's appearance specification, "Topological constraints". A violation
+    # weighs as much as a further component. The rules allow the adjacent turns and crossings that
+    # the paper's fitness punishes.
     "duckietown": Rules(
         forbidden=("crowded_crossings", "unlinked_neighbours"),
         weights=Weights(

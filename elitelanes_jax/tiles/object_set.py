@@ -107,10 +107,11 @@ class ObjectSet:
         return kinds
 
     @property
-    def views(self) -> dict[str, Mapping[int, NDArray[np.uint8]]]:
+    def views_by_kind(self) -> dict[str, Mapping[int, NDArray[np.uint8]]]:
         """The views of the first object of each kind, by degrees.
 
-        The cameras of `elitelanes_jax.drive` take them.
+        The cameras of `elitelanes_jax.drive` take them. They show kinds of one's own, such as
+        "other:helicopter", as "other".
         """
         return {
             kind: pictures[0].views for kind, pictures in self.kinds.items() if kind in OBJECT_KINDS
@@ -166,6 +167,8 @@ def _with_own_tag(pictures: ObjectPictures, thing: MapObject) -> ObjectPictures:
     return pictures if thing.tag is None else _with_tag(pictures, thing.tag)
 
 
+# A town has the same tags in each of its views. Pictures are compared by identity, which lasts as
+# long as their set.
 @lru_cache(maxsize=1024)
 def _with_tag(pictures: ObjectPictures, number: int) -> ObjectPictures:
     """Returns the pictures of an object with an AprilTag of that number, where it has one."""
@@ -271,7 +274,7 @@ def default_objects() -> Path:
 
 
 @cache
-def _own_objects() -> ObjectSet:
+def _default_set() -> ObjectSet:
     return _load(default_objects())
 
 
@@ -289,7 +292,7 @@ def load_objects(folder: ObjectSet | str | Path | None = None) -> ObjectSet:
     if isinstance(folder, ObjectSet):
         return folder
     if folder is None:
-        return _own_objects()
+        return _default_set()
     return _load(check_named("objects", path, folder))
 
 

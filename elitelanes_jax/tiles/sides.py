@@ -11,14 +11,14 @@ from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.files import Tile
 
 # The depth of the strip along a side, in tiles, in which a separator begins.
-_SEEN = 1 / 5
+_SEPARATOR_DEPTH = 1 / 5
 # The depth of a separator that is measured, in tiles: on a turn it leaves the middle further
 # inside.
-_DASH = 1 / 24
+_DASH_DEPTH = 1 / 24
 # The least brightness of white tape in even light.
-_WHITE = 130
+_WHITE_LEVEL = 130
 # The largest distance between the road's edge and the white line, in tiles.
-_NEAR = 0.04
+_MAX_LINE_GAP = 0.04
 
 
 class SideLines(NamedTuple):
@@ -44,7 +44,7 @@ class SideLines(NamedTuple):
 
 def measure_sides(tile: Tile) -> list[SideLines]:
     """Measures the lines at each side that a tile opens."""
-    bright = even_light(tile.image).min(axis=2) > _WHITE
+    bright = even_light(tile.image).min(axis=2) > _WHITE_LEVEL
     measured = []
     for turns, side in enumerate(SIDES):
         if tile.code & side.bit:
@@ -97,21 +97,24 @@ def _measure(
     columns = np.flatnonzero(road[0])
     start, end = float(columns[0]) / size, float(columns[-1] + 1) / size
     half = 0.0
-    rows = np.flatnonzero(yellow[: round(_SEEN * size)].any(axis=1))
+    rows = np.flatnonzero(yellow[: round(_SEPARATOR_DEPTH * size)].any(axis=1))
     separator = None
     if len(rows):
-        dash = np.flatnonzero(yellow[rows[0] : rows[0] + max(1, round(_DASH * size))].any(axis=0))
+        dash = np.flatnonzero(
+            yellow[rows[0] : rows[0] + max(1, round(_DASH_DEPTH * size))].any(axis=0)
+        )
         separator = float(dash[0] + dash[-1] + 1) / 2 / size
+        # A turn moves the dash, and leaves its width: the median of all rows is the most exact.
         half = float(np.median(yellow[rows].sum(axis=1))) / 2 / size
     # White lines are measured in the outermost 1/64 of the tile.
     first = np.asarray(bright[: max(1, size // 64)].any(axis=0), np.bool_)
-    white = (
+    gaps = (
         _white_line(first[: columns[0]][::-1], size),
         _white_line(first[columns[-1] + 1 :], size),
     )
     places = (
-        None if white[0] is None else start - white[0],
-        None if white[1] is None else end + white[1],
+        None if gaps[0] is None else start - gaps[0],
+        None if gaps[1] is None else end + gaps[1],
     )
     # A lane reaches from the edge of the separator to the edge of the road.
     return SideLines(letter, (start, end), separator, places, ((end - start) / 2 + half) / 2)
@@ -123,7 +126,7 @@ def _white_line(beside: NDArray[np.bool_], size: int) -> float | None:
     The distance is in tiles. Returns None without a white line.
     """
     # The line begins at the first white pixel and ends before the next dark one.
-    near = np.flatnonzero(beside[: max(1, round(_NEAR * size))])
+    near = np.flatnonzero(beside[: max(1, round(_MAX_LINE_GAP * size))])
     if not len(near):
         return None
     after = np.flatnonzero(~beside[near[0] :])

@@ -39,7 +39,7 @@ def test_views_are_those_of_a_renderer_that_draws_back_to_front(sight, distortio
     sight = sight._replace(camera=sight.camera.replace(distortion=distortion))
     full = jax.jit(lambda pose: look(pose, TOWN, sight, objects))
     plain = jax.jit(lambda pose: look(pose, TOWN, sight))
-    views, same, seen = load_objects().views, [], set()
+    views, same, seen = load_objects().views_by_kind, [], set()
     for pose in some_poses(4):
         view, road = jax.device_get((full(Pose(*map(jnp.float32, pose))), plain(Pose(*map(jnp.float32, pose)))))
         owners, colours = draw_back_to_front(things, views, pose, CAMERA | {"distortion": distortion}, shrink)
@@ -74,7 +74,7 @@ def test_an_object_is_seen_if_its_middle_is_beside_the_picture(sight):
     objects = pick(make_objects([RoadMap(TOWN, objects=[house])]), 0)
     pose = (1.3, 0.5, 0.0)
     view = jax.jit(look)(Pose(*map(jnp.float32, pose)), TOWN, sight, objects)
-    owners, _ = draw_back_to_front([house], load_objects().views, pose, CAMERA | {"distortion": None}, shrink)
+    owners, _ = draw_back_to_front([house], load_objects().views_by_kind, pose, CAMERA | {"distortion": None}, shrink)
     assert owners.any() and (view.instances == owners).mean() > 0.998
 
 
@@ -193,4 +193,4 @@ def test_faults_are_named():
         make_billboards({"cone": []})
     with pytest.raises(InputError, match="objects: expected at most 512 different objects, .* got 513"):
         pack_billboards([{}] * 513)
-    assert set(load_objects().views) == set(OBJECT_KINDS)
+    assert set(load_objects().views_by_kind) == set(OBJECT_KINDS)

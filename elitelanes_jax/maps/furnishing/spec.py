@@ -13,24 +13,33 @@ from elitelanes_jax.formats.objects import MapObject, check_objects, object_valu
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import LONGEST_SIDE
 
-# The largest amount of an object, and the suffixes of files with objects.
-_MOST = 100_000
+# The largest amount of an object, the words for amounts, and the suffixes of files with objects.
+_LARGEST_AMOUNT = 100_000
+_AMOUNTS = "a share from 0 to 1, or a whole number"
 _FILES = (".toml", ".json", ".yaml")
 
+# The amounts of objects that stand on cells without road.
+_BESIDE_ROADS = (
+    "buildings", "houses", "buses", "trucks", "trees",
+    "barriers", "robots", "cones", "duckies", "crossing_duckies",
+)  # fmt: skip
+
+# The options that words give in another form: objects are in files, and a bare word asks for unique
+# tags.
+_NO_SETTINGS = ("objects", "unique_tags")
+
 # Each of these words is short for the setting of its name with this value.
-_WORDS: dict[str, UserValue] = {"signs": "all", "street_names": "all", "unique_tags": True}
+_SHORT_WORDS: dict[str, UserValue] = {"signs": "all", "street_names": "all", "unique_tags": True}
 
 
 def _amount(value: UserValue) -> float:
-    number: float = real(0, _MOST, unit="a share from 0 to 1, or a whole number")(value)
+    number: float = real(0, _LARGEST_AMOUNT, unit=_AMOUNTS)(value)
     if number > 1 and number != int(number):
-        raise InputError(
-            f"expected a share from 0 to 1, or a whole number, got {shorten(repr(value), 40)}"
-        )
+        raise InputError(f"expected {_AMOUNTS}, got {shorten(repr(value), 40)}")
     return number
 
 
-def _own_objects(values: UserValue) -> tuple[MapObject, ...]:
+def _check_users_objects(values: UserValue) -> tuple[MapObject, ...]:
     """Checks objects without a map: their positions are checked again when they are placed."""
     # The size of the map is not known here, so positions are checked for the largest one.
     return check_objects(values, LONGEST_SIDE, LONGEST_SIDE)
@@ -68,7 +77,7 @@ class FurnishSpec(Record):
       lane_duckies: amount of duckies in lanes
     """
 
-    objects: tuple[MapObject, ...] = option((), _own_objects)
+    objects: tuple[MapObject, ...] = option((), _check_users_objects)
     signs: str = option("none", one_of("none", "possible", "all"), "WHICH")
     lights: float = option(0.0, real(0, 1, unit="a share of the crossings"), "SHARE")
     street_names: str = option("none", one_of("none", "possible", "all"), "WHICH")
@@ -91,20 +100,13 @@ class FurnishSpec(Record):
         return self.values() | {"objects": [object_values(thing) for thing in self.objects]}
 
     @property
-    def on_blocks(self) -> dict[str, float]:
-        """The numbers of objects, by setting, that a map without empty cells has no room for.
+    def numbers_beside_roads(self) -> dict[str, float]:
+        """The numbers of objects, by setting, that need cells without road.
 
-        Shares are left out.
+        Shares are left out: a map without such cells has room for every share of them.
         """
-        amounts = {}
-        for name, field in self.options().items():
-            # Only amounts have this placeholder in help texts. Objects in lanes need no empty cell.
-            if field.metavar != "AMOUNT" or name.startswith("lane_"):
-                continue
-            amount = getattr(self, name)
-            if amount >= 1:
-                amounts[name] = amount
-        return amounts
+        amounts = {name: getattr(self, name) for name in _BESIDE_ROADS}
+        return {name: amount for name, amount in amounts.items() if amount >= 1}
 
 
 EVERYTHING = FurnishSpec(
@@ -139,14 +141,13 @@ def parse_furnish(value: UserValue) -> FurnishSpec:
     words: list[str] = []
     for text in texts:
         for part in split_settings(text):
-            words += _words(part)
+            words += _split_words(part)
     return _furnish_of(words)
 
 
 def _furnish_of(words: Sequence[str]) -> FurnishSpec:
     """Returns what words and settings ask for. Settings override the words, in any order."""
-    # Only `objects` has no placeholder, because it comes from files.
-    settings = [name for name, field in FurnishSpec.options().items() if field.metavar]
+    settings = [name for name in FurnishSpec.options() if name not in _NO_SETTINGS]
     spec = EVERYTHING if "all" in words else FurnishSpec()
     # Words and settings are kept apart until the end, so their order does not matter.
     asked_by_words: dict[str, UserValue] = {}
@@ -159,8 +160,8 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
             if name in asked_by_settings:
                 raise InputError(f"expected each setting once, got {name} twice")
             asked_by_settings[name] = value
-        elif word in _WORDS:
-            asked_by_words[word] = _WORDS[word]
+        elif word in _SHORT_WORDS:
+            asked_by_words[word] = _SHORT_WORDS[word]
         elif word.endswith(_FILES):
             objects += _read_objects(word)
         elif word != "all":
@@ -172,7 +173,7 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
     return spec.replace(**(asked_by_words | asked_by_settings), objects=objects)
 
 
-def _words(text: str) -> list[str]:
+def _split_words(text: str) -> list[str]:
     """Returns the words of a text. The name of a file may have spaces."""
     if text.endswith(_FILES) and path_exists(Path(text)):
         return [text]
@@ -193,4 +194,4 @@ def _read_objects(file: str) -> tuple[MapObject, ...]:
     values = read_toml(file, file)
     if "objects" not in values:
         raise InputError(f'{file}: expected a list of "objects", got none')
-    return check_named(file, _own_objects, values["objects"])
+    return check_named(file, _check_users_objects, values["objects"])

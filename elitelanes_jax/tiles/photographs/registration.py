@@ -102,6 +102,10 @@ class Fit(NamedTuple):
     border: NDArray[np.float64]
 
 
+UNFITTED_SPREAD = np.eye(9)
+"""The spread of a view that could not be fitted: so large that none of its corners is sure."""
+
+
 def fit_view(image: NDArray[np.uint8], view: FloorView, codes: NDArray[np.int8]) -> Fit:
     """Fits the view of a floor of several tiles to a photograph.
 
@@ -111,7 +115,7 @@ def fit_view(image: NDArray[np.uint8], view: FloorView, codes: NDArray[np.int8])
       codes: the codes of the tiles ``[rows, columns]``; 0 is a cell without a tile.
     """
     groups = _groups(codes)
-    fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
+    fit = Fit(view, UNFITTED_SPREAD, 0.0, np.zeros(4))
     # Small pictures reach far, and large ones are exact.
     for tile_px, reach, rounds in _STEPS:
         fit = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.ones(4, bool))
@@ -208,7 +212,7 @@ def _refine(
         border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
         step = solve_equations(fit.view, matrix, vector, rows, columns)
         if step is None:
-            return fit._replace(spread=np.eye(9), border=np.zeros(4))
+            return fit._replace(spread=UNFITTED_SPREAD, border=np.zeros(4))
         fit = Fit(step.view, step.spread, alike, border)
         if step.size < _STILL:
             break

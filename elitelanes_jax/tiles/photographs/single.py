@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.tiles.photographs.borders import colour_border, outer_sides, sharpest_border
 from elitelanes_jax.tiles.photographs.registration import (
+    UNFITTED_SPREAD,
     Fit,
     add_offsets,
     begin_equations,
@@ -23,7 +24,7 @@ _REACHES = (0.1, 0.05, 0.03)
 # The rounds of Gauss and Newton's method at each reach.
 _ROUNDS = 4
 # The least change, in tiles, after which a further one is made at the same reach.
-_STILL = 3e-4
+_LEAST_CHANGE = 3e-4
 
 
 def fit_tile(image: NDArray[np.uint8], view: FloorView) -> Fit:
@@ -33,7 +34,7 @@ def fit_tile(image: NDArray[np.uint8], view: FloorView) -> Fit:
       image: uint8 ``[H, W, 3]``, RGB.
       view: a first guess, off by up to a tenth of a tile.
     """
-    fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
+    fit = Fit(view, UNFITTED_SPREAD, 0.0, np.zeros(4))
     for reach in (*_REACHES, None):
         for _ in range(_ROUNDS):
             matrix, vector = begin_equations(fit.view)
@@ -41,15 +42,15 @@ def fit_tile(image: NDArray[np.uint8], view: FloorView) -> Fit:
             # side.
             if reach is None:
                 border = sharpest_border(image, fit.view, SIDES_OF_TILE)
-                add_offsets(matrix, vector, fit.view, border, 1, 1)
+                add_offsets(matrix, vector, fit.view, border, rows=1, columns=1)
             else:
                 # One side may be off by the whole reach, and the others by nothing.
                 border = colour_border(image, fit.view, SIDES_OF_TILE, reach)
-                add_offsets(matrix, vector, fit.view, border, 1, 1, noise=reach / 3)
-            step = solve_equations(fit.view, matrix, vector, 1, 1)
+                add_offsets(matrix, vector, fit.view, border, rows=1, columns=1, noise=reach / 3)
+            step = solve_equations(fit.view, matrix, vector, rows=1, columns=1)
             if step is None:
-                return fit._replace(spread=np.eye(9))
+                return fit._replace(spread=UNFITTED_SPREAD)
             fit = fit._replace(view=step.view, spread=step.spread)
-            if step.size < _STILL:
+            if step.size < _LEAST_CHANGE:
                 break
     return fit
