@@ -5,15 +5,6 @@ searches. `__init__.pyi` lists all names. Each name is imported at its first use
 without JAX does not wait for JAX.
 """
 
+import lazy_loader
 
-def __getattr__(name: str) -> object:
-    """Reads the list of names at the first use of a name, so that the command can catch signals before that."""
-    import lazy_loader
-
-    attached = lazy_loader.attach_stub(__name__, __file__)
-    globals().update(zip(("__getattr__", "__dir__", "__all__"), attached, strict=True))
-    return globals()[name] if name == "__all__" else attached[0](name)
-
-
-def __dir__() -> list[str]:
-    return list(__getattr__("__all__"))
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
