@@ -42,7 +42,7 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 # Pages whose programs other tests run.
 RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("benchmark", "exports", "interop", "plots", "scaling", "tiles", "ued")]
 # Pages whose programs take long. The tests of their rooms are quick.
-SLOW_PAGES = ("experiments", "docs/drive")
+SLOW_PAGES = ("experiments", "docs/choosing", "docs/drive", "docs/explore")
 PROGRAMS = [
     pytest.param(page, text, marks=[pytest.mark.slow] if page.startswith(SLOW_PAGES) else [])
     for page in PAGES

@@ -130,7 +130,7 @@ def test_grids_of_two_lines_do_not_change():
 
 
 @pytest.mark.usefixtures("any_types")
-@pytest.mark.parametrize("dtype", [np.uint8, np.int32])
+@pytest.mark.parametrize("dtype", [pytest.param(np.uint8, marks=pytest.mark.slow), np.int32])
 @pytest.mark.parametrize("grid", [SPIRAL, SPIRAL[:2]])
 def test_strips_of_any_whole_numbers_are_int8(grid, dtype):
     bits = random_bits(jax.random.key(0), (refit_strip().bits,))

@@ -310,7 +310,7 @@ def test_cells_without_a_tile_are_no_tiles():
     assert sure[codes > 0].all()
 
 
-@pytest.mark.parametrize(("hole", "is_planned"), [((1, 0), False), ((0, 1), True)])
+@pytest.mark.parametrize(("hole", "is_planned"), [((1, 0), False), pytest.param((0, 1), True, marks=pytest.mark.slow)])
 def test_a_missing_tile_that_roads_lead_to_is_no_tile(hole, is_planned):
     """Its neighbours once made a straight or a crossing of it, that counted as sure."""
     plan = np.array([[6, 7, 3], [10, 12, 11], [12, 5, 9]], np.int8)
