@@ -156,7 +156,7 @@ def _fits(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
         return is_whole(value) and abs(value) < 2**63
     if kind in (float, np.number):
         return is_real(value) and abs(value) < 2**63
-    if kind is Any or isinstance(kind, TypeVar):
+    if kind is Any:
         return not _is_key(value)
     if kind is Parameter.empty or not isinstance(kind, type):
         return True
@@ -172,8 +172,6 @@ def _is_iterable(origin: UserValue) -> bool:
         isinstance(origin, type)
         and issubclass(origin, Iterable)
         and not issubclass(origin, Mapping)
-        # A named tuple is a record, also a generic one.
-        and not hasattr(origin, "_fields")
     )
 
 
@@ -267,7 +265,7 @@ def _describe(annotation: UserValue) -> str:
         return (
             f"a list of {' and '.join(_distinct_words(part for part in parts if part is not ...))}"
         )
-    kind = Any if isinstance(annotation, TypeVar) else origin or annotation
+    kind = origin or annotation
     return _WORDS.get(kind) or str(getattr(kind, "__name__", kind))
 
 

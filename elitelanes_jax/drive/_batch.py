@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from operator import itemgetter
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,9 +22,8 @@ from elitelanes_jax._util.checks import check_named, instance, is_whole, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric, Pytree, Untyped, UserValue
-from elitelanes_jax.drive._environment import Environment, Observation, Params, State, Transition
-from elitelanes_jax.drive._levels import Level
+from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
+from elitelanes_jax.drive._environment import Environment, Transition
 from elitelanes_jax.network.bits import THREEFRY, fold_in
 
 NEXT_STEP, SAME_STEP, DISABLED = "NextStep", "SameStep", "Disabled"
@@ -32,11 +31,6 @@ NEXT_STEP, SAME_STEP, DISABLED = "NextStep", "SameStep", "Disabled"
 
 A reset replaces the next step, is in the same step, or does not happen.
 """
-
-_Tree = TypeVar("_Tree")
-
-# An environment whose observations are arrays.
-_Flattened = Environment[Array, State, Params]
 
 # The number of keys that a seed can name.
 _SEEDS = 2**64
@@ -71,15 +65,13 @@ def _to_vector(array: Array) -> Float[Array, " N"]:
     return array.astype(jnp.float32).reshape(-1)
 
 
-def _has_numbers(leaf: object) -> bool:
+def _has_numbers(leaf: Pytree) -> bool:
     if not hasattr(leaf, "dtype"):
         return False
     return jnp.issubdtype(leaf.dtype, jnp.bool_) or jnp.issubdtype(leaf.dtype, jnp.number)
 
 
-def flattened(
-    environment: Environment[Observation, State, Params], *, channels_first: bool = False
-) -> _Flattened[State, Params]:
+def flattened(environment: Environment, *, channels_first: bool = False) -> Environment:
     """Returns the environment with observations as `flatten` makes them.
 
     The info of a step is a dictionary. Pictures are uint8 ``[rows, columns, 3]``, or
@@ -95,43 +87,35 @@ def flattened(
 
 # Batches of one environment share compiled functions.
 @lru_cache(maxsize=32)
-def _flattened(
-    environment: Environment[Observation, State, Params], *, channels_first: bool
-) -> _Flattened[State, Params]:
+def _flattened(environment: Environment, *, channels_first: bool) -> Environment:
     """Does what `flattened` does, for an environment that is checked."""
 
-    def to_array(observation: Observation) -> Array:
+    def to_array(observation: Pytree) -> Array:
         array = flatten(observation)
         if channels_first and array.dtype == jnp.uint8:
             return jnp.moveaxis(array, -1, 0)
         return array
 
-    def reset(key: Key[Array, ""], params: Params) -> tuple[Array, State]:
+    def reset(key: Key[Array, ""], params: Pytree) -> tuple[Array, Pytree]:
         observation, state = environment.reset(key, params)
         return to_array(observation), state
 
-    def reset_to_level(key: Key[Array, ""], level: Level, params: Params) -> tuple[Array, State]:
+    def reset_to_level(key: Key[Array, ""], level: Pytree, params: Pytree) -> tuple[Array, Pytree]:
         observation, state = environment.reset_to_level(key, level, params)
         return to_array(observation), state
 
-    def step(
-        key: Key[Array, ""], state: State, action: Numeric, params: Params
-    ) -> Transition[Array, State]:
+    def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         transition = environment.step(key, state, action, params)
         # Metrics that the environment does not have are None. No array stands for them.
         info = transition.info._asdict()
         metrics = {name: metric for name, metric in info.items() if metric is not None}
-        return Transition(
+        return transition._replace(
             observation=to_array(transition.observation),
-            state=transition.state,
-            reward=transition.reward,
-            terminated=transition.terminated,
-            truncated=transition.truncated,
-            info=metrics,
             reached=to_array(transition.reached),
+            info=metrics,
         )
 
-    def observe(state: State, params: Params) -> Array:
+    def observe(state: Pytree, params: Pytree) -> Array:
         return to_array(environment.observe(state, params))
 
     return Environment(
@@ -144,7 +128,7 @@ def _flattened(
     )
 
 
-def check_module(params: UserValue, module: Untyped, name: str, argument: str, needed: str) -> None:
+def check_module(params: Pytree, module: Untyped, name: str, argument: str, needed: str) -> None:
     """Checks the options of an environment, and that a module has what is needed.
 
     `needed` is the name of a class or module, such as ``vector.VectorEnv``.
@@ -176,9 +160,7 @@ def action_space(environment: Environment, spaces: Untyped) -> Untyped:
     return spaces.Box(-1.0, 1.0, (environment.action_size,))
 
 
-def observation_space(
-    environment: _Flattened[State, Params], params: Params, spaces: Untyped
-) -> Untyped:
+def observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
     """Returns the space of observations of a flattened environment, from a module with `Box`."""
     observation, _ = jax.eval_shape(lambda: environment.reset(jax.random.key(0), params))
     if observation.dtype == jnp.uint8:
@@ -210,9 +192,6 @@ class Outcome(NamedTuple):
 
 _Packed = tuple[dict[str, AnyArray], list[AnyArray]]
 
-# The reward, whether the episode terminated or was truncated, and the metrics by name.
-_Result = tuple[AnyArray, AnyArray, AnyArray, dict[str, AnyArray]]
-
 
 class _Carry(NamedTuple):
     """The state of a batch between two steps.
@@ -228,7 +207,7 @@ class _Carry(NamedTuple):
     over: Bool[Array, " N"]
 
 
-class Batch(Generic[State, Params]):
+class Batch:
     """A batch of environments.
 
     Two calls make a step: `send` starts it, and `receive` waits for its outcome.
@@ -237,8 +216,8 @@ class Batch(Generic[State, Params]):
     @runs_jax
     def __init__(
         self,
-        environment: Environment[Observation, State, Params],
-        params: Params,
+        environment: Environment,
+        params: Pytree,
         envs: int,
         mode: str,
         *,
@@ -366,7 +345,7 @@ class Batch(Generic[State, Params]):
         return self.receive()
 
     @runs_jax
-    def states(self, name: str) -> list[State]:
+    def states(self, name: str) -> list[Pytree]:
         """Returns the states, as arrays of NumPy.
 
         Before a reset, an error says that `name` needs it.
@@ -427,13 +406,11 @@ def _action_shape(environment: Environment) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct((environment.action_size,), jnp.float32)
 
 
-def _shapes(
-    environment: _Flattened[State, Params], params: Params, envs: int
-) -> tuple[State, _Result]:
+def _shapes(environment: Environment, params: Pytree, envs: int) -> tuple[Pytree, Pytree]:
     """Returns the shapes and dtypes of the states, and of what `_result` returns."""
     action = _action_shape(environment)
 
-    def step(key: Array) -> tuple[State, _Result]:
+    def step(key: Array) -> tuple[Pytree, Pytree]:
         _, state = environment.reset(key, params)
         no_action = jnp.zeros(action.shape, action.dtype)
         return state, _result(environment.step(key, state, no_action, params))
@@ -443,13 +420,13 @@ def _shapes(
     return jax.eval_shape(jax.vmap(step), keys)
 
 
-def _result(transition: Transition[Array, State]) -> _Result:
+def _result(transition: Transition) -> Pytree:
     return transition.reward, transition.terminated, transition.truncated, transition.info
 
 
 @partial(jax.jit, static_argnames="environment", donate_argnames="carry")
 def _reset(
-    carry: _Carry, chosen: Array, params: Params, *, environment: _Flattened[State, Params]
+    carry: _Carry, chosen: Array, params: Pytree, *, environment: Environment
 ) -> tuple[_Carry, Array]:
     """Starts new episodes in the chosen environments.
 
@@ -469,12 +446,7 @@ def _reset(
 
 @partial(jax.jit, static_argnames=("environment", "mode"), donate_argnames="carry")
 def _step(
-    carry: _Carry,
-    actions: Array,
-    params: Params,
-    *,
-    environment: _Flattened[State, Params],
-    mode: str,
+    carry: _Carry, actions: Array, params: Pytree, *, environment: Environment, mode: str
 ) -> tuple[_Carry, tuple[Array, Array | None], _Packed]:
     """Makes a step of all environments.
 
@@ -520,14 +492,14 @@ def _zero_where(condition: Bool[Array, " N"], array: Array) -> Array:
 
 
 def _renew(
-    environment: _Flattened[State, Params], chosen: Array, keys: Array, state: State, params: Params
-) -> State:
+    environment: Environment, chosen: Array, keys: Array, state: Pytree, params: Pytree
+) -> Pytree:
     """Returns the states of new episodes for the chosen environments.
 
     The states of all other environments are returned as they are.
     """
 
-    def renew() -> State:
+    def renew() -> Pytree:
         _, first = jax.vmap(environment.reset, (0, None))(keys, params)
         return jax.tree.map(lambda new, old: jax.vmap(jnp.where)(chosen, new, old), first, state)
 
@@ -559,7 +531,7 @@ def _next_key(stream: Array) -> Array:
     return fold_in(key, used_keys)
 
 
-class _Layout(NamedTuple, Generic[_Tree]):
+class _Layout(NamedTuple):
     """How the leaves of a pytree become few arrays.
 
     Each array that a compiled function returns takes 2 us.
@@ -570,11 +542,11 @@ class _Layout(NamedTuple, Generic[_Tree]):
         dtype; None for another leaf.
     """
 
-    structure: jax.tree_util.PyTreeDef
+    structure: Pytree
     rows: list[tuple[str, int] | None]
 
     @classmethod
-    def of(cls, tree: _Tree) -> "_Layout[_Tree]":
+    def of(cls, tree: Pytree) -> "_Layout":
         """Returns the layout of a pytree of arrays, or of their shapes and dtypes."""
         counts: Counter[str] = Counter()
         rows: list[tuple[str, int] | None] = []
@@ -587,7 +559,7 @@ class _Layout(NamedTuple, Generic[_Tree]):
             counts[dtype] += 1
         return cls(jax.tree.structure(tree), rows)
 
-    def pack(self, tree: _Tree) -> _Packed:
+    def pack(self, tree: Pytree) -> _Packed:
         """Returns the stacks by dtype, and all other leaves."""
         leaves_by_dtype: dict[str, list[AnyArray]] = {}
         others = []
@@ -600,7 +572,7 @@ class _Layout(NamedTuple, Generic[_Tree]):
         stacks = {dtype: jnp.stack(leaves) for dtype, leaves in leaves_by_dtype.items()}
         return stacks, others
 
-    def unpack(self, packed: _Packed) -> _Tree:
+    def unpack(self, packed: _Packed) -> Pytree:
         """Returns the pytree of packed arrays of JAX or NumPy."""
         stacks, others = packed
         remaining = iter(others)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import wraps
 from inspect import signature
-from typing import Generic, NamedTuple, ParamSpec, TypeVar
+from typing import NamedTuple, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,18 +13,13 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Numeric, Pytree, UserValue
+from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._levels import Level
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.sharding import divide_batches
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-# Pytrees of arrays, whose structure only the environment knows.
-Observation = TypeVar("Observation")
-State = TypeVar("State")
-Params = TypeVar("Params")
 
 
 def checks_first(**checks: Check) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -54,7 +49,7 @@ def checks_first(**checks: Check) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return decorate
 
 
-class Transition(NamedTuple, Generic[Observation, State]):
+class Transition(NamedTuple):
     """The result of a step.
 
     Attributes:
@@ -68,16 +63,16 @@ class Transition(NamedTuple, Generic[Observation, State]):
         reset.
     """
 
-    observation: Observation
-    state: State
+    observation: Pytree
+    state: Pytree
     reward: Float[Array, ""]
     terminated: Bool[Array, ""]
     truncated: Bool[Array, ""]
     info: Pytree
-    reached: Observation
+    reached: Pytree
 
 
-class Environment(NamedTuple, Generic[Observation, State, Params]):
+class Environment(NamedTuple):
     """An environment. `jax.jit` and `jax.vmap` its functions; keys are consumed.
 
     Attributes:
@@ -90,10 +85,10 @@ class Environment(NamedTuple, Generic[Observation, State, Params]):
       action_size: the number of values of a real action, each within -1 to 1; 0 for discrete ones.
     """
 
-    reset: Callable[[Key[Array, ""], Params], tuple[Observation, State]]
-    reset_to_level: Callable[[Key[Array, ""], Level, Params], tuple[Observation, State]]
-    step: Callable[[Key[Array, ""], State, Numeric, Params], Transition[Observation, State]]
-    observe: Callable[[State, Params], Observation]
+    reset: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Pytree]]
+    reset_to_level: Callable[[Key[Array, ""], Level, Pytree], tuple[Pytree, Pytree]]
+    step: Callable[[Key[Array, ""], Pytree, Pytree, Pytree], Transition]
+    observe: Callable[[Pytree, Pytree], Pytree]
     actions: int | None
     action_size: int = 0
 
@@ -106,9 +101,7 @@ def draw_level(key: Key[Array, ""], levels: Level) -> Level:
 
 
 @name_wrong_arguments
-def auto_reset(
-    environment: Environment[Observation, State, Params],
-) -> Environment[Observation, State, Params]:
+def auto_reset(environment: Environment) -> Environment:
     """Returns the environment with steps that reset at the end of an episode.
 
     A new episode has a newly drawn level. `reward`, `terminated`, `truncated`, `info` and `reached`
@@ -119,9 +112,7 @@ def auto_reset(
 
     @runs_jax
     @divide_batches
-    def step(
-        key: Key[Array, ""], state: State, action: Numeric, params: Params
-    ) -> Transition[Observation, State]:
+    def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         # Folded in instead of split, so that an unused key costs nothing.
         transition = environment.step(jax.random.fold_in(key, 0), state, action, params)
         _, first = environment.reset(jax.random.fold_in(key, 1), params)
@@ -132,7 +123,7 @@ def auto_reset(
     return environment._replace(step=name_wrong_arguments(step))
 
 
-def _next_state(transition: Transition[Observation, State], first: State) -> State:
+def _next_state(transition: Transition, first: Pytree) -> Pytree:
     """Returns the state with which an environment goes on after a step.
 
     If the episode has ended, this is the first state of a new episode, otherwise the next state.
@@ -142,7 +133,7 @@ def _next_state(transition: Transition[Observation, State], first: State) -> Sta
     return jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, transition.state)
 
 
-class ReplayState(NamedTuple, Generic[State]):
+class ReplayState(NamedTuple):
     """The state of an environment that begins its level again.
 
     Attributes:
@@ -150,14 +141,12 @@ class ReplayState(NamedTuple, Generic[State]):
       level: the level that every episode begins on.
     """
 
-    state: State
+    state: Pytree
     level: Level
 
 
 @name_wrong_arguments
-def auto_replay(
-    environment: Environment[Observation, State, Params],
-) -> Environment[Observation, ReplayState[State], Params]:
+def auto_replay(environment: Environment) -> Environment:
     """Returns the environment with steps that begin the same level again at the end of an episode.
 
     A curriculum that chooses levels can reset N environments to N levels, and knows which steps
@@ -167,45 +156,36 @@ def auto_replay(
     """
     check_named("environment", instance(Environment), environment)
 
-    def reset(key: Key[Array, ""], params: Params) -> tuple[Observation, ReplayState[State]]:
+    def reset(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, ReplayState]:
         if not hasattr(params, "levels"):
             got = shorten(repr(params))
             raise InputError(f"params: expected options with levels, got {got}")
         return reset_to_level(key, draw_level(key, params.levels), params)
 
     def reset_to_level(
-        key: Key[Array, ""], level: Level, params: Params
-    ) -> tuple[Observation, ReplayState[State]]:
+        key: Key[Array, ""], level: Level, params: Pytree
+    ) -> tuple[Pytree, ReplayState]:
         seen, state = environment.reset_to_level(key, level, params)
         return seen, ReplayState(state, level)
 
     @runs_jax
     @divide_batches
-    def step(
-        key: Key[Array, ""], state: ReplayState[State], action: Numeric, params: Params
-    ) -> Transition[Observation, ReplayState[State]]:
+    def step(key: Key[Array, ""], state: ReplayState, action: Pytree, params: Pytree) -> Transition:
         # As in `auto_reset`: keys are folded in, and the state is observed again.
         transition = environment.step(jax.random.fold_in(key, 0), state.state, action, params)
         _, first = environment.reset_to_level(jax.random.fold_in(key, 1), state.level, params)
         next_state = _next_state(transition, first)
-        return Transition(
+        return transition._replace(
             observation=environment.observe(next_state, params),
             state=ReplayState(next_state, state.level),
-            reward=transition.reward,
-            terminated=transition.terminated,
-            truncated=transition.truncated,
-            info=transition.info,
-            reached=transition.reached,
         )
 
-    def observe(state: ReplayState[State], params: Params) -> Observation:
+    def observe(state: ReplayState, params: Pytree) -> Pytree:
         return environment.observe(state.state, params)
 
-    return Environment(
+    return environment._replace(
         reset=name_wrong_arguments(reset),
         reset_to_level=name_wrong_arguments(reset_to_level),
         step=name_wrong_arguments(step),
         observe=name_wrong_arguments(observe),
-        actions=environment.actions,
-        action_size=environment.action_size,
     )

@@ -152,7 +152,7 @@ def _step(
     state: LaneDriveState,
     action: Float[ArrayLike, "2"],
     params: LaneDriveParams,
-) -> Transition[LaneDriveObservation, LaneDriveState]:
+) -> Transition:
     """Drives for one step of time.
 
     The episode terminates at the goal of a route, on a dead end, when either side of the robot

@@ -172,7 +172,7 @@ def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservati
 @divide_batches
 def _step(
     key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], params: RoadNavParams
-) -> Transition[RoadNavObservation, RoadNavState]:
+) -> Transition:
     """Drives to the next tile.
 
     The episode terminates on the goal and on a dead end, and is truncated at the limit.
