@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Int, Int32, Key, UInt8, UInt32
+from jaxtyping import Array, ArrayLike, Int, Int32, Integer, Key, UInt8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
@@ -289,7 +289,7 @@ def look(
     sight: Sight,
     objects: Objects | None = None,
     key: Key[Array, ""] | None = None,
-    chosen: Int[ArrayLike, "H W 2"] | None = None,
+    chosen: Integer[ArrayLike, "H W 2"] | None = None,
 ) -> View:
     """Renders the view from a pose on a grid.
 
@@ -352,7 +352,7 @@ def _look(
 
 
 def _chosen_tiles(
-    chosen: Int[Array, "H W 2"], shape: tuple[int, ...], count: int
+    chosen: Integer[Array, "H W 2"], shape: tuple[int, ...], count: int
 ) -> Int[Array, "H W"]:
     """Returns the tile of an atlas of `count` tiles that each cell shows, from its picture."""
     if chosen.shape != (*shape, 2) or not jnp.issubdtype(chosen.dtype, jnp.integer):

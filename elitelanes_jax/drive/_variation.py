@@ -9,7 +9,7 @@ colours use is computed by `once`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -108,7 +108,7 @@ class Variation(Record):
     noise: Numeric = traced(None, none_or(real(0, 64)))
 
     @classmethod
-    def varied(cls) -> Self:
+    def varied(cls) -> "Variation":
         """Returns the ranges of ``dataset --transform varied``, without its compression."""
         return cls(
             horizon=1,

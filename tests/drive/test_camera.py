@@ -220,6 +220,7 @@ def test_faults_are_named():
             pack_sight(shades, shades[..., 0], {0: [(0, 0)], 6: [tile]})
 
 
+@pytest.mark.usefixtures("any_types")
 def test_chosen_pictures_may_have_8_bits():
     pictures = np.zeros((260, 1, 1, 3), np.uint8)
     pictures[256] = 200

@@ -235,6 +235,7 @@ def test_a_pose_of_64_bits_has_figures_of_32(grid):
         jax.config.update("jax_enable_x64", False)
 
 
+@pytest.mark.usefixtures("any_types")
 def test_a_wrong_grid_is_refused():
     pose = Pose(0.5, 0.5, 0.0)
     with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got 16"):

@@ -183,6 +183,7 @@ def test_what_is_wrong_is_named():
             wrap()
 
 
+@pytest.mark.usefixtures("any_types")
 def test_a_mode_of_gymnasium_is_no_function_that_draws():
     params, base = RoadNavParams(LEVELS), SimpleNamespace(VecEnv=object)
     gymnasium = SimpleNamespace(Env=object, vector=SimpleNamespace(AutoresetMode=str))
@@ -198,6 +199,7 @@ def test_a_mode_of_gymnasium_is_no_function_that_draws():
             wrap(RoadNav, params, module, render="human")
 
 
+@pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize("seed", ["3", 1.5, True, [3]])
 def test_a_seed_of_pufferlib_is_a_whole_number(seed):
     spaces = SimpleNamespace(Discrete=lambda number: number, Box=lambda *limits: limits)

@@ -146,6 +146,7 @@ class _Env:
         self.seed = seed
 
 
+@pytest.mark.usefixtures("any_types")
 def test_a_deep_copy_has_a_state_of_its_own(params):
     """A search such as MCTS copies an environment, and steps the copy."""
     env = gymnasium_env(RoadNav, params, SimpleNamespace(Env=_Env, spaces=SPACES))

@@ -89,6 +89,7 @@ def test_numbers_that_do_not_fit_32_bits_are_refused():
         assert found.fitness.tolist()[0] == fitness.tolist()[0] and found.features.tolist()[0] == [features.tolist()[0]]
 
 
+@pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize(
     ("repaired", "got"),
     [(lambda grid: grid.T, r"int8 \[[0-9]+, 3, 2\]"), (lambda grid: grid.astype(jnp.float32), "float32")],
