@@ -137,7 +137,7 @@ def levels():
 def sight():
     tiles, camera = load_tiles(), drive.Camera(rows=6, columns=8, noise=3.0, distortion=(-0.1, 0.01))
     scaled = scale_tiles(tiles, 8)
-    return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, load_objects().views)
+    return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, load_objects().views_by_kind)
 
 
 def driven(environment, params, key, action):

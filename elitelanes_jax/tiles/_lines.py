@@ -18,7 +18,7 @@ from elitelanes_jax.network.codes import CONNECTIONS, EAST, SIDES, WEST, Side, e
 from elitelanes_jax.tiles.files import Tile
 
 # The largest part of a tile's area that stop lines, red, and lane separators, yellow, cover.
-_MOST = {"red": 0.25, "yellow": 0.15}
+_LARGEST_AREA = {"red": 0.25, "yellow": 0.15}
 # The least part of a line's area on the road.
 _ON_ROAD = 0.95
 # The largest displacement of an edge or a middle, in tiles.
@@ -27,9 +27,9 @@ _OFF = 0.04
 _DISTINCT = 0.7
 # The depth of the strip along a side, in tiles, that has its stop line, and where a separator's
 # middle is measured.
-_NEAR = 1 / 8
+_LINE_STRIP_DEPTH = 1 / 8
 # The depth of the strip along a side, in tiles, in which a separator begins.
-_SEEN = 1 / 4
+_SEPARATOR_STRIP_DEPTH = 1 / 4
 # The least part of the incoming lane's width that its stop line covers.
 _COVERED = 0.75
 _NAMES = {"red": "stop lines", "yellow": "lane separators"}
@@ -89,7 +89,7 @@ def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
     yield from _road_faults(tile, opened)
     # The places of lines are checked only if the lines are on the road and not too large.
     sound = {}
-    for name, most in _MOST.items():
+    for name, most in _LARGEST_AREA.items():
         line: NDArray[np.bool_] = getattr(tile, name)
         share, on_road = line.mean(), (line & tile.road).sum() / max(line.sum(), 1)
         sound[name] = share <= most and (not share or on_road >= _ON_ROAD)
@@ -162,9 +162,9 @@ def _across(road: NDArray[np.bool_]) -> _Road:
 
 def _separator_faults(yellow: NDArray[np.bool_], road: _Road, *, required: bool) -> Iterator[str]:
     size = len(yellow)
-    if required and not yellow[: round(_SEEN * size)].any():
+    if required and not yellow[: round(_SEPARATOR_STRIP_DEPTH * size)].any():
         yield "expected a lane separator that begins"
-    columns = np.nonzero(yellow[: round(_NEAR * size)])[1]
+    columns = np.nonzero(yellow[: round(_LINE_STRIP_DEPTH * size)])[1]
     off = abs(columns.mean() + 0.5 - road.middle) / size if len(columns) else 0
     if off > _OFF:
         yield (
@@ -180,7 +180,7 @@ def _stop_line_faults(red: NDArray[np.bool_], road: _Road) -> Iterator[str]:
     """
     size = len(red)
     start, middle = round(road.middle - road.width / 2), round(road.middle)
-    strip = red[: round(_NEAR * size)]
+    strip = red[: round(_LINE_STRIP_DEPTH * size)]
     lines = np.asarray(strip.any(axis=0))
     covered = lines[start:middle].mean() if middle > start else 0.0
     if covered < _COVERED:

@@ -223,10 +223,16 @@ def test_amounts_are_counts_or_shares():
     assert [thing.static for thing in walking] == [False] * 3
 
 
-@pytest.mark.parametrize(
-    "name",
-    [name for name, value in vars(FurnishSpec()).items() if value == 0 and name not in ("lights", "unique_tags")],
-)
+AMOUNTS = [name for name, value in vars(FurnishSpec()).items() if value == 0 and name not in ("lights", "unique_tags")]
+
+
+def test_numbers_of_objects_outside_lanes_need_cells_without_road():
+    numbers = FurnishSpec(**dict.fromkeys(AMOUNTS, 3)).numbers_beside_roads
+    assert numbers == {name: 3 for name in AMOUNTS if not name.startswith("lane_")}
+    assert not FurnishSpec(**dict.fromkeys(AMOUNTS, 0.9)).numbers_beside_roads
+
+
+@pytest.mark.parametrize("name", AMOUNTS)
 def test_more_objects_than_the_area_holds_are_refused_before_they_are_placed(name):
     """Placing 100,000 on a small map would take half an hour. The limit is above any number that fits."""
     for codes in ([[5]], [[5, 0]], [[0]], [[6, 3], [12, 9]]):

@@ -26,7 +26,7 @@ from elitelanes_jax.network.codes import CORNERS, SIDES
 # tiles from the corner of the crossing, along both sides of the cell next to it. Signs of
 # human-made maps have 0.04 to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the
 # second sign clear of the first one.
-_NEAR, _SECOND, _STAND = 0.08, 0.2, 0.25
+_FIRST_SIGN, _SECOND_SIGN, _LIGHT_STAND = 0.08, 0.2, 0.25
 
 # The kind of a topology sign, by the way that is closed. Ways count quarter turns clockwise: 0 is
 # straight on, 1 right, 3 left.
@@ -95,7 +95,10 @@ def place_signs(
 def place_light(crossing: Cell, corner: int) -> MapObject:
     """Returns the traffic light of a crossing whose stand is at one of its four corners."""
     down, right = CORNERS[corner]
-    x, y = crossing[1] + 0.5 + right * (0.5 + _STAND), crossing[0] + 0.5 + down * (0.5 + _STAND)
+    x, y = (
+        crossing[1] + 0.5 + right * (0.5 + _LIGHT_STAND),
+        crossing[0] + 0.5 + down * (0.5 + _LIGHT_STAND),
+    )
     # The arm points back over the crossing. y points south, but angles are counter-clockwise.
     return make_object(LIGHT, x, y, atan2(down, -right))
 
@@ -135,8 +138,8 @@ def _signs_for(crossing: Cell, sides: list[int], heading: int, control: str) -> 
     signs = []
     # Both signs are on the opposite side, the topology to the right of the road and the control to
     # the left.
-    for kind, to_right in ((topology, 0.5 + _NEAR), (control, -0.5 - _SECOND)):
-        x = crossing[1] + 0.5 + (0.5 + _NEAR) * ahead.right + to_right * right.right
-        y = crossing[0] + 0.5 + (0.5 + _NEAR) * ahead.down + to_right * right.down
+    for kind, to_right in ((topology, 0.5 + _FIRST_SIGN), (control, -0.5 - _SECOND_SIGN)):
+        x = crossing[1] + 0.5 + (0.5 + _FIRST_SIGN) * ahead.right + to_right * right.right
+        y = crossing[0] + 0.5 + (0.5 + _FIRST_SIGN) * ahead.down + to_right * right.down
         signs.append(make_object(kind, x, y, angle))
     return signs

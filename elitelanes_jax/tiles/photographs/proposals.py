@@ -151,7 +151,7 @@ _LIMITS: dict[str, dict[str, _Limit]] = {
 _BORDER_TELLS = 0.002
 # A floor of square tiles whose border is seen on all sides, at this share of points at least, is in
 # its place even if its tiles differ, as hand-taped tiles do.
-_SEEN, _SQUARE = 0.25, 0.012
+_LEAST_BORDER_SEEN, _LARGEST_OUT_OF_SQUARE = 0.25, 0.012
 _REPEATS_IF_SEEN = 0.72, 0.015
 # Drawn tiles differ by this much: 1 - `repeats`. Tiles that differ more displace a fit of cells by
 # more than its spread says.
@@ -515,7 +515,10 @@ def _weigh_border(
     if evidence["spread"] > _BORDER_TELLS:
         differ = max(1.0, (1 - evidence["repeats"]) / _DIFFER)
         evidence = evidence | {"spread": evidence["spread"] * differ}
-    elif evidence["border"] >= _SEEN and evidence["out_of_square"] <= _SQUARE:
+    elif (
+        evidence["border"] >= _LEAST_BORDER_SEEN
+        and evidence["out_of_square"] <= _LARGEST_OUT_OF_SQUARE
+    ):
         limits["repeats"] = _Limit(*_REPEATS_IF_SEEN, limits["repeats"].advice)
     if evidence["border"] < _UNSEEN:
         limits["spread"] = _Limit(*_SPREAD_IF_UNSEEN, limits["spread"].advice)
