@@ -359,7 +359,7 @@ def check_named(
         message = str(error)
         if not message.startswith((f"{name}:", f"{name} ")):
             message = f"{name}: {message}"
-        raise InputError(message) from None
+        raise InputError(message, subject=error.subject) from None
 
 
 def split_settings(text: str) -> list[str]:

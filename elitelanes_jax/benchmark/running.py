@@ -86,10 +86,11 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
             "search: expected a generator function, which yields grids, "
             f"got {shorten(repr(search))}"
         )
+    budgets = task.budgets
     archive = _Archive(task)
     at_budgets: list[Int8[np.ndarray, "N H W"]] = []
     spent, batch = 0, next(search, _ENDED)
-    while batch is not _ENDED and len(at_budgets) < len(task.budgets):
+    while batch is not _ENDED and len(at_budgets) < len(budgets):
         codes = _check(task, batch)
         measured = measure_grids(codes, fill=task.fill)
         # The grids are counted one at a time, because a budget may be spent within a batch.
@@ -97,7 +98,7 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
             archive.insert(codes[number], measured, number)
             # Every grid is an evaluation, also a flawed one or one that came already.
             spent += 1
-            if len(at_budgets) < len(task.budgets) and spent == task.budgets[len(at_budgets)]:
+            if len(at_budgets) < len(budgets) and spent == budgets[len(at_budgets)]:
                 # The archive changes with the next grid, so a copy is kept.
                 at_budgets.append(archive.grids.copy())
         try:
@@ -105,7 +106,7 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
         except StopIteration:
             batch = _ENDED
     search.close()
-    while len(at_budgets) < len(task.budgets):
+    while len(at_budgets) < len(budgets):
         # The search ended before it had spent its budget.
         at_budgets.append(archive.grids)
     return np.stack(at_budgets)

@@ -1,6 +1,7 @@
 """Environments in the interfaces of Gymnax, Gymnasium, Stable-Baselines3 and PufferLib.
 
-None of these libraries is imported here. Each wrapper takes the module of its library as an argument.
+None of these libraries is imported here. Each wrapper takes the module of its library as an
+argument.
 """
 
 from elitelanes_jax.drive._vectors import gymnasium_vector_env, puffer_env, sb3_vec_env

@@ -32,7 +32,8 @@ def traced(default: UserValue, check: Check, each: Check | None = None) -> UserV
 def number_or_array(check: Check, each: Check | None = None, *, whole: bool = False) -> Check:
     """Makes a check for a number, or an array of numbers that each pass the check.
 
-    Within a transformation an array may be a tracer, of which only the dtype is known.
+    Within a transformation an array may be a tracer. Its numbers are not known, so only its dtype
+    is checked.
 
     Args:
       check: checks what is no array.

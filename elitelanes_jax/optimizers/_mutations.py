@@ -59,6 +59,10 @@ class Move(Record):
         return f"Move({self.bits} bits)"
 
 
+# The bits that `_one_tile` uses: one for the row and one for the column.
+_TILE_BITS = 2
+
+
 def change_tile(alphabet: tuple[int, ...]) -> Move:
     """Changes one random tile to another code of the alphabet, each equally likely."""
     codes = jnp.array(alphabet, jnp.int8)
@@ -128,10 +132,6 @@ def paper_mutation(
         return Variation(grid, dirty)
 
     return Move(sum(mutation.bits + 1 for mutation, _ in mutations), apply)
-
-
-# The bits that `_one_tile` uses: one for the row and one for the column.
-_TILE_BITS = 2
 
 
 def _one_tile(bits: UInt32[Array, " bits"], grid: Int8[Array, "H W"]) -> Bool[Array, "H W"]:

@@ -68,7 +68,7 @@ def _take_in_turn(devices: Sequence[jax.Device], count: int) -> list[jax.Device]
 
 
 def device_of_each_part(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
-    """Returns the device of each part into which `cut` cuts rows.
+    """Returns a device for each part that `cut` makes of rows; there may be fewer parts.
 
     No part on a processor has more than `_MOST_ROWS` rows, so a device may have several parts.
     """

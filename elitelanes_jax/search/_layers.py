@@ -16,7 +16,7 @@ from elitelanes_jax.search.like import settings_like
 from elitelanes_jax.search.settings import OPTIONS, Settings, check_option
 
 BUDGET = ("generations", "evaluations")
-"""The options of the budget, of which a search has one."""
+"""The options that give a budget. A search has one of them."""
 
 NOT_OF_STYLES = ("style", "like", "features", *BUDGET)
 """The options that a style cannot have."""

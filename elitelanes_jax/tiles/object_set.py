@@ -167,8 +167,7 @@ def _with_own_tag(pictures: ObjectPictures, thing: MapObject) -> ObjectPictures:
     return pictures if thing.tag is None else _with_tag(pictures, thing.tag)
 
 
-# A town has the same tags in each of its views. Pictures are compared by identity, which lasts as
-# long as their set.
+# Painting a tag takes some milliseconds, and a town has the same tags in each of its views.
 @lru_cache(maxsize=1024)
 def _with_tag(pictures: ObjectPictures, number: int) -> ObjectPictures:
     """Returns the pictures of an object with an AprilTag of that number, where it has one."""

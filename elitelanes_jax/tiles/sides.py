@@ -104,7 +104,8 @@ def _measure(
             yellow[rows[0] : rows[0] + max(1, round(_DASH_DEPTH * size))].any(axis=0)
         )
         separator = float(dash[0] + dash[-1] + 1) / 2 / size
-        # A turn moves the dash, and leaves its width: the median of all rows is the most exact.
+        # The first rows of a dash are narrower. Its width does not change on a turn, so all rows
+        # count.
         half = float(np.median(yellow[rows].sum(axis=1))) / 2 / size
     # White lines are measured in the outermost 1/64 of the tile.
     first = np.asarray(bright[: max(1, size // 64)].any(axis=0), np.bool_)

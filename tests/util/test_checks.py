@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.checks import clip_to_int32, file_named, folder, path, real
+from elitelanes_jax._util.checks import check_named, clip_to_int32, file_named, folder, path, real
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.npz import read_npz
 
@@ -76,3 +76,12 @@ def test_an_archive_with_other_members_than_arrays_is_refused(name, tmp_path):
         archive.writestr(name, "[]")
     with pytest.raises(InputError, match=rf"runs.npz: expected NumPy's .npz, .*: {name} is no array"):
         read_npz(tmp_path / "runs.npz")
+
+
+def test_an_error_that_gets_a_name_keeps_its_subject():
+    def check(value):
+        raise InputError("expected more", subject="where turns")
+
+    with pytest.raises(InputError, match="^large: expected more$") as caught:
+        check_named("large", check, 3)
+    assert caught.value.subject == "where turns"

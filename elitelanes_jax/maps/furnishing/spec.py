@@ -103,7 +103,7 @@ class FurnishSpec(Record):
     def numbers_beside_roads(self) -> dict[str, float]:
         """The numbers of objects, by setting, that need cells without road.
 
-        Shares are left out: a map without such cells has room for every share of them.
+        Shares are left out, because a share of no cells is no object.
         """
         amounts = {name: getattr(self, name) for name in _BESIDE_ROADS}
         return {name: amount for name, amount in amounts.items() if amount >= 1}

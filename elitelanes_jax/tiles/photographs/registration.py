@@ -103,7 +103,7 @@ class Fit(NamedTuple):
 
 
 UNFITTED_SPREAD = np.eye(9)
-"""The spread of a view that could not be fitted: so large that none of its corners is sure."""
+"""The spread of a view that could not be fitted. It is too large for any corner to be sure."""
 
 
 def fit_view(image: NDArray[np.uint8], view: FloorView, codes: NDArray[np.int8]) -> Fit:
