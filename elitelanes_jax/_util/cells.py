@@ -1,0 +1,24 @@
+"""The name of a cell of a map: letters and a number for people, an index in files and arrays."""
+
+
+def cell_name(row: int, column: int) -> str:
+    """Returns the name of a cell as people see it on a plan: letters for the column, and the row.
+
+    Columns are A to Z, then AA, AB and so on, as in a spreadsheet. Row 1 is the northern one.
+
+    Args:
+      row: the row's index, from 0.
+      column: the column's index, from 0.
+    """
+    letters = ""
+    rest = column + 1
+    while rest:
+        # A letter is a digit of base 26 without a zero.
+        rest, digit = divmod(rest - 1, 26)
+        letters = chr(ord("A") + digit) + letters
+    return f"{letters}{row + 1}"
+
+
+def describe_cell(row: int, column: int) -> str:
+    """Returns the name of a cell for a message, with its index in files: C2 ([1, 2])."""
+    return f"{cell_name(row, column)} ([{row}, {column}])"
