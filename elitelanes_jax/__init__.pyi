@@ -6,6 +6,7 @@ from . import formats as formats
 from . import maps as maps
 from . import network as network
 from . import optimizers as optimizers
+from . import photographs as photographs
 from . import plots as plots
 from . import problem as problem
 from . import search as search

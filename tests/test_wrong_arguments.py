@@ -84,10 +84,11 @@ from elitelanes_jax.optimizers import (
 )
 from elitelanes_jax.optimizers._population import random_population
 from elitelanes_jax.optimizers.interop import qdax_scoring_fn
+from elitelanes_jax.photographs import Photograph, propose_tiles
 from elitelanes_jax.problem import Population, coverage, extreme_maps, insert
 from elitelanes_jax.problem.descriptor import niche_index
 from elitelanes_jax.problem.kernels import with_town_features
-from elitelanes_jax.tiles import Photograph, inspect_tiles, load_objects, propose_masks, propose_tiles, write_png
+from elitelanes_jax.tiles import inspect_tiles, load_objects, propose_masks, write_png
 from elitelanes_jax.tiles.contact_sheet import write_text
 from elitelanes_jax.tiles.rendering import png_of, scale_tiles
 

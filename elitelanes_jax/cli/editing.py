@@ -54,8 +54,8 @@ def add_edit(commands: Commands) -> None:
 
 def _edit(options: argparse.Namespace) -> int:
     from elitelanes_jax.explorer.serving import HandServer
-    from elitelanes_jax.tiles.editing import HandWork
-    from elitelanes_jax.tiles.photographs.reading import Photograph
+    from elitelanes_jax.photographs.editing import HandWork
+    from elitelanes_jax.photographs.reading import Photograph
 
     # Photographs are read before the server starts, so that a bad file is an error in the terminal.
     photographs = [Photograph.read(file) for file in options.photos]

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-    from elitelanes_jax.tiles.photographs.cutting import Cut
-    from elitelanes_jax.tiles.photographs.proposals import Proposal
-    from elitelanes_jax.tiles.photographs.reading import Lens, Photograph
+    from elitelanes_jax.photographs.cutting import Cut
+    from elitelanes_jax.photographs.proposals import Proposal
+    from elitelanes_jax.photographs.reading import Lens, Photograph
     from elitelanes_jax.tiles.tileset import TileSet
 
 _PIXEL = real(-1e6, 1e6, unit="pixels")
@@ -178,10 +178,10 @@ def _cut_photographs(
 
     Only one photograph is in memory at a time.
     """
-    from elitelanes_jax.tiles.photographs.cutting import cut_tiles
-    from elitelanes_jax.tiles.photographs.proposals import SURE
-    from elitelanes_jax.tiles.photographs.reading import Photograph
-    from elitelanes_jax.tiles.photographs.sheet import draw_proposal
+    from elitelanes_jax.photographs.cutting import cut_tiles
+    from elitelanes_jax.photographs.proposals import SURE
+    from elitelanes_jax.photographs.reading import Photograph
+    from elitelanes_jax.photographs.sheet import draw_proposal
 
     # One camera has taken all photographs.
     lens = _read_lens(options)
@@ -227,9 +227,9 @@ def _write_set(out: Path, photographs: _CutPhotographs, *, overwrite: bool) -> P
     Returns where the earlier files of the folder are kept, None if it had none. After an error they
     are back in their place.
     """
+    from elitelanes_jax.photographs.cutting import write_cuts
+    from elitelanes_jax.photographs.sheet import draw_sheet
     from elitelanes_jax.tiles.masking import proposal_sheet
-    from elitelanes_jax.tiles.photographs.cutting import write_cuts
-    from elitelanes_jax.tiles.photographs.sheet import draw_sheet
     from elitelanes_jax.tiles.rendering import write_png
 
     kept = None
@@ -294,7 +294,7 @@ def _unsure_cells(sure: "ArrayLike") -> list[list[int]]:
     """Returns row and column, from 0, of the cells whose kind is unsure."""
     import numpy as np
 
-    from elitelanes_jax.tiles.photographs.proposals import SURE
+    from elitelanes_jax.photographs.proposals import SURE
 
     return np.argwhere(np.asarray(sure) < SURE).tolist()
 
@@ -359,8 +359,8 @@ def _read_floor(
     """Reads the map of the floor in a photograph, seen from the photograph's side."""
     import numpy as np
 
-    from elitelanes_jax.tiles.photographs.proposals import SURE
-    from elitelanes_jax.tiles.photographs.reading import Photograph
+    from elitelanes_jax.photographs.proposals import SURE
+    from elitelanes_jax.photographs.reading import Photograph
 
     photograph = Photograph.read(options.photo, _read_lens(options))
     with _naming_photograph(options.photo, photograph):
@@ -375,7 +375,7 @@ def _turn_to_plan(floor: _Floor, plan: "NDArray[np.int8]", plan_file: Path) -> _
     """Turns a floor to the direction in which it agrees most with a plan."""
     import numpy as np
 
-    from elitelanes_jax.tiles.photographs.comparison import turn_floor, turn_to_plan
+    from elitelanes_jax.photographs.comparison import turn_floor, turn_to_plan
 
     with naming(plan_file):
         turns = turn_to_plan(floor.codes, plan)
@@ -385,7 +385,7 @@ def _turn_to_plan(floor: _Floor, plan: "NDArray[np.int8]", plan_file: Path) -> _
 
 def _compare(codes: "NDArray[np.int8]", plan: "NDArray[np.int8]", plan_file: Path) -> list[str]:
     """Returns a line for each tile that differs from a plan, and a line with their number."""
-    from elitelanes_jax.tiles.photographs.comparison import find_differences
+    from elitelanes_jax.photographs.comparison import find_differences
 
     differences = find_differences(codes, plan)
     count = pluralize(len(differences), "tile")
@@ -445,7 +445,7 @@ def _corners_of_each(
 
 
 def _read_lens(options: argparse.Namespace) -> "Lens | None":
-    from elitelanes_jax.tiles.photographs.reading import read_lens
+    from elitelanes_jax.photographs.reading import read_lens
 
     return None if options.camera is None else read_lens(options.camera)
 
@@ -480,7 +480,7 @@ def _propose(
     """
     import numpy as np
 
-    from elitelanes_jax.tiles.photographs.proposals import propose_tiles
+    from elitelanes_jax.photographs.proposals import propose_tiles
 
     # Without corners, the outlines are found in the photograph.
     if corners is None:

@@ -16,7 +16,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.explorer.page import static_text
-from elitelanes_jax.tiles.editing import HandWork
+from elitelanes_jax.photographs.editing import HandWork
 
 # The largest request: the masks of 30 tiles of 4096 x 4096 pixels.
 _MOST_BYTES = 256 * MIB

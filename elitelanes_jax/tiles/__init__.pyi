@@ -4,12 +4,6 @@ from .masking import propose_masks as propose_masks
 from .object_set import ObjectSet as ObjectSet
 from .object_set import draw_tag as draw_tag
 from .object_set import load_objects as load_objects
-from .photographs.cutting import Cut as Cut
-from .photographs.cutting import cut_tiles as cut_tiles
-from .photographs.cutting import write_cuts as write_cuts
-from .photographs.proposals import Proposal as Proposal
-from .photographs.proposals import propose_tiles as propose_tiles
-from .photographs.reading import Photograph as Photograph
 from .rendering import LABEL_COLOURS as LABEL_COLOURS
 from .rendering import LABELS as LABELS
 from .rendering import Picture as Picture

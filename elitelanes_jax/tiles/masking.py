@@ -19,9 +19,9 @@ from elitelanes_jax._util.checks import check_named, is_whole, one_of, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import Layer, check_picture, read_image, read_mask, size_of
+from elitelanes_jax.tiles.light import even_light
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
 # The least width of tape in tiles. Thinner pieces are no tape, and narrower gaps are wear.

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.files import Tile
+from elitelanes_jax.tiles.light import even_light
 
 # The depth of the strip along a side, in tiles, in which a separator begins.
 _SEPARATOR_DEPTH = 1 / 5

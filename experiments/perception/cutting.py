@@ -25,16 +25,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
 from elitelanes_jax.network import rotate
-from elitelanes_jax.tiles import (
-    Photograph,
-    Proposal,
-    TileSet,
-    cut_tiles,
-    inspect_tiles,
-    load_tiles,
-    propose_tiles,
-    write_cuts,
-)
+from elitelanes_jax.photographs import Photograph, Proposal, cut_tiles, propose_tiles, write_cuts
+from elitelanes_jax.tiles import TileSet, inspect_tiles, load_tiles
 from experiments.common import Parser, leave, run, table, whole, write
 from experiments.perception.synthetic_photographs import (
     FLOORS,

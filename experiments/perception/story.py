@@ -17,17 +17,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, load_tiles, render
 from elitelanes_jax.drive import Camera, look, make_sight, random_pose
-from elitelanes_jax.tiles import (
-    Cut,
-    Photograph,
-    Proposal,
-    TileSet,
-    choose_tiles,
-    cut_tiles,
-    propose_masks,
-    propose_tiles,
-    write_cuts,
-)
+from elitelanes_jax.photographs import Cut, Photograph, Proposal, cut_tiles, propose_tiles, write_cuts
+from elitelanes_jax.tiles import TileSet, choose_tiles, propose_masks
 from experiments.common import Parser, leave, run
 from experiments.perception.synthetic_photographs import draw_set, photograph
 

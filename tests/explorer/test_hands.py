@@ -25,10 +25,11 @@ from folders import files
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.explorer.serving import HandServer
-from elitelanes_jax.tiles import Photograph, Proposal, cut_tiles, editing, inspect_tiles, load_tiles, propose_masks
-from elitelanes_jax.tiles.editing import HandWork
+from elitelanes_jax.photographs import Photograph, Proposal, cut_tiles, editing
+from elitelanes_jax.photographs.cutting import mask_cut
+from elitelanes_jax.photographs.editing import HandWork
+from elitelanes_jax.tiles import inspect_tiles, load_tiles, propose_masks
 from elitelanes_jax.tiles.masking import COLOURS
-from elitelanes_jax.tiles.photographs.cutting import mask_cut
 from elitelanes_jax.tiles.tileset import default_tiles
 
 HERE = Path(__file__).parent

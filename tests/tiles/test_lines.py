@@ -9,6 +9,7 @@ import pytest
 
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.tiles._lines import misplaced_lines
+from elitelanes_jax.tiles.sides import describe_lanes, measure_sides
 from elitelanes_jax.tiles.tileset import MASKS, inspect_tiles
 
 CROSSINGS, OTHERS = ("crossing3_1", "crossing4_1"), ("turn_1", "straight_1", "end_1")
@@ -111,3 +112,20 @@ def test_photographs_with_proposed_masks_pass(real_tiles, tmp_path, capsys):
     assert main(["tiles", "check", str(tmp_path / "tiles")]) == 0
     assert len(list((tmp_path / "tiles").glob("*/*.png"))) == (1 + len(MASKS)) * len(real_tiles.tiles)
     assert not capsys.readouterr().err
+
+
+def test_sides_are_measured_as_they_are_drawn(drawn_tiles):
+    for tile in drawn_tiles.tiles:
+        for side in measure_sides(tile):
+            assert side.road == pytest.approx((0.13, 0.87), abs=0.004)
+            assert side.white == pytest.approx((0.09, 0.91), abs=0.006)
+            if side.separator is not None:
+                assert side.separator == pytest.approx(0.5, abs=0.01)
+                assert side.lane == pytest.approx(0.195, abs=0.003)
+
+
+def test_sides_without_a_separator_tell_no_offset_where_others_have_one(drawn_tiles):
+    tile = next(tile for tile in drawn_tiles.tiles if tile.yellow.any())
+    bare = tile._replace(yellow=np.zeros_like(tile.yellow))
+    alone, both, without = (describe_lanes(tiles, 0.2).splitlines()[-1] for tiles in ([tile], [tile, bare], [bare]))
+    assert both == alone != without

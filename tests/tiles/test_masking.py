@@ -140,3 +140,17 @@ def test_masks_to_overwrite_are_named(names):
     """Unknown names were ignored."""
     with pytest.raises(InputError, match="overwrite: expected one of road, red, yellow, got '"):
         mask_folder(default_tiles(), overwrite=names)
+
+
+def test_a_sliver_of_the_floor_is_no_road():
+    """White tape near the border, and a dark sliver outside of it that worn tape joins to the road."""
+    image = np.full((200, 200, 3), 70, np.uint8)
+    image[:, 3:17] = image[:, -17:-3] = 220
+    image[120:126, 3:17] = 70
+    road = propose_masks(image)["road"]
+    assert road[:, 0].mean() < 0.1
+    assert road[0, 40:160].all() and road[-1, 40:160].all()
+    image[:, :17] = image[:, -17:] = 70
+    image[:, :4] = image[:, -4:] = 220  # all that is left of the tape
+    road = propose_masks(image)["road"]
+    assert not road[:, 0].any() and not road[:, -1].any()

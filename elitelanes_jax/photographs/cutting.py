@@ -14,12 +14,12 @@ from elitelanes_jax._util.checks import check_named, check_unique, path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
-from elitelanes_jax.tiles._light import ground_of, in_daylight
+from elitelanes_jax.photographs._views import flatten, places_of
+from elitelanes_jax.photographs.proposals import SURE, Proposal
+from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.files import check_picture
+from elitelanes_jax.tiles.light import ground_of, in_daylight
 from elitelanes_jax.tiles.masking import MaskedTile, propose_masks
-from elitelanes_jax.tiles.photographs.proposals import SURE, Proposal
-from elitelanes_jax.tiles.photographs.reading import Photograph
-from elitelanes_jax.tiles.photographs.views import flatten, places_of
 from elitelanes_jax.tiles.rendering import write_png
 from elitelanes_jax.tiles.tileset import MASKS
 

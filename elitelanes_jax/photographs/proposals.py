@@ -12,14 +12,12 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, floor_shape, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.tiles.files import check_picture
-from elitelanes_jax.tiles.photographs.borders import contrasts
-from elitelanes_jax.tiles.photographs.kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
-from elitelanes_jax.tiles.photographs.outline import find_corners
-from elitelanes_jax.tiles.photographs.reading import Photograph
-from elitelanes_jax.tiles.photographs.registration import Fit, fit_view, largest_spread
-from elitelanes_jax.tiles.photographs.single import SIDES_OF_TILE, fit_tile
-from elitelanes_jax.tiles.photographs.views import (
+from elitelanes_jax.photographs._borders import contrasts
+from elitelanes_jax.photographs._kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
+from elitelanes_jax.photographs._outline import find_corners
+from elitelanes_jax.photographs._registration import Fit, fit_view, largest_spread
+from elitelanes_jax.photographs._single import SIDES_OF_TILE, fit_tile
+from elitelanes_jax.photographs._views import (
     FloorView,
     Points,
     flatten,
@@ -27,6 +25,8 @@ from elitelanes_jax.tiles.photographs.views import (
     places_of,
     view_of,
 )
+from elitelanes_jax.photographs.reading import Photograph
+from elitelanes_jax.tiles.files import check_picture
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 SURE = 0.5

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.photographs.proposals import SURE, Proposal
+from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
-from elitelanes_jax.tiles.photographs.proposals import SURE, Proposal
-from elitelanes_jax.tiles.photographs.reading import Photograph
 
 # The size of a photograph on the sheet in pixels.
 _WIDTH, _HEIGHT = 640, 480

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.tiles.photographs.views import FloorView, Points, flatten
+from elitelanes_jax.photographs._views import FloorView, Points, flatten
 
 Sides = list[tuple[tuple[float, float], tuple[int, int]]]
 """The middle of each side of a tile in tiles, x and y, and the direction out of the tile."""

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.tiles.photographs.views import Points
+from elitelanes_jax.photographs._views import Points
 
 # The longer side of the photograph in which outlines are looked for, in pixels.
 _SEARCH_PX = 400

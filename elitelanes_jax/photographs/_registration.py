@@ -15,8 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import KIND_OF, KINDS, SIDES, rotate_codes
-from elitelanes_jax.tiles._light import ground_of
-from elitelanes_jax.tiles.photographs.borders import (
+from elitelanes_jax.photographs._borders import (
     ALONG,
     Border,
     Sides,
@@ -25,13 +24,14 @@ from elitelanes_jax.tiles.photographs.borders import (
     outer_sides,
     shadow_width,
 )
-from elitelanes_jax.tiles.photographs.views import (
+from elitelanes_jax.photographs._views import (
     FloorView,
     Points,
     flatten,
     floor_corners,
     places_of,
 )
+from elitelanes_jax.tiles.light import ground_of
 
 Field = NDArray[np.float32]
 

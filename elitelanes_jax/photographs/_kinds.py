@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES, rotate_codes
-from elitelanes_jax.tiles._light import ground_of
+from elitelanes_jax.tiles.light import ground_of
 from elitelanes_jax.tiles.rendering import scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
 

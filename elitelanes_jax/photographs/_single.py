@@ -6,15 +6,15 @@ A single tile has no other cells to be compared with, so that its four sides alo
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.tiles.photographs.borders import colour_border, outer_sides, sharpest_border
-from elitelanes_jax.tiles.photographs.registration import (
+from elitelanes_jax.photographs._borders import colour_border, outer_sides, sharpest_border
+from elitelanes_jax.photographs._registration import (
     UNFITTED_SPREAD,
     Fit,
     add_offsets,
     begin_equations,
     solve_equations,
 )
-from elitelanes_jax.tiles.photographs.views import FloorView
+from elitelanes_jax.photographs._views import FloorView
 
 SIDES_OF_TILE = outer_sides(np.ones((1, 1), np.int8))
 """The sides of a single tile, to the north, east, south and west."""

@@ -31,6 +31,9 @@ from elitelanes_jax._util.files import free_name, write_atomic
 from elitelanes_jax._util.folders import check_renamable, output_folder
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.photographs.cutting import cut_tiles, mask_cut
+from elitelanes_jax.photographs.proposals import Proposal, propose_tiles
+from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.files import Layer, read_image
 from elitelanes_jax.tiles.masking import (
     COLOURS,
@@ -40,9 +43,6 @@ from elitelanes_jax.tiles.masking import (
     proposal_sheet,
     propose_layer_masks,
 )
-from elitelanes_jax.tiles.photographs.cutting import cut_tiles, mask_cut
-from elitelanes_jax.tiles.photographs.proposals import Proposal, propose_tiles
-from elitelanes_jax.tiles.photographs.reading import Photograph
 from elitelanes_jax.tiles.rendering import png_of, write_png
 from elitelanes_jax.tiles.tileset import MASKS, inspect_tiles, tile_folders
 

@@ -1,0 +1,221 @@
+"""Where tiles are found in photographs, and what is refused."""
+
+import json
+
+import cv2
+import numpy as np
+import photographed
+import pytest
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.photographs import (
+    Photograph,
+    Proposal,
+    proposals,
+    propose_tiles,
+)
+from elitelanes_jax.photographs._views import view_of
+from elitelanes_jax.photographs.comparison import turn_floor
+from elitelanes_jax.photographs.proposals import SURE
+
+TOWN = photographed.TOWN
+CORNERS = photographed.corners_of(3, 3)
+
+
+@pytest.fixture(scope="module")
+def shot():
+    return Photograph("floor", photographed.photograph(TOWN))
+
+
+@pytest.fixture(scope="module")
+def proposal(shot):
+    return propose_tiles(shot, shape=(3, 3))
+
+
+def off(proposal, corners=CORNERS):
+    """The largest distance of a proposed corner from the true one, in tiles."""
+    away = np.linalg.norm(np.array(proposal.corners) - corners, axis=1).max()
+    return away / proposal.view.tile_pixels(*np.shape(proposal.codes))
+
+
+def test_a_floor_is_found_and_read(proposal):
+    assert off(proposal) < 0.01
+    np.testing.assert_array_equal(proposal.codes, TOWN)
+    assert proposal.score > 0.9 and proposal.advice == ""
+    assert np.min(proposal.sure) > 0.9
+
+
+def test_a_proposal_is_plain(proposal):
+    assert Proposal(**json.loads(json.dumps(proposal._asdict()))) == proposal
+
+
+def test_rough_corners_and_a_turned_map_are_fitted(shot):
+    rough = CORNERS + np.array([[9, -7], [-8, 6], [5, 9], [-9, -4]])
+    turned = turn_floor(TOWN, 1)
+    proposal = propose_tiles(shot, corners=rough, codes=turned)
+    np.testing.assert_array_equal(proposal.codes, turned)
+    # A quarter turn of the map puts its first corner at another corner of the floor.
+    assert min(off(proposal, np.roll(CORNERS, turns, axis=0)) for turns in range(4)) < 0.01
+    as_given = propose_tiles(shot, shape=(3, 3), corners=rough, fit=False)
+    np.testing.assert_allclose(as_given.corners, rough, atol=0.01)
+
+
+def score_of(photo, shape):
+    """The score of a photograph's proposal, 0 if nothing is found."""
+    try:
+        return propose_tiles(photo, shape=shape).score
+    except InputError:
+        return 0.0
+
+
+def test_a_wrong_size_and_noise_are_refused(shot):
+    assert score_of(shot, (2, 4)) < SURE
+    noise = np.random.default_rng(0).integers(0, 255, (300, 400, 3)).astype(np.uint8)
+    assert score_of(Photograph("noise", noise), (1, 1)) < SURE
+    with pytest.raises(InputError, match="wall: expected tiles that stand out from the floor, found none"):
+        propose_tiles(Photograph("wall", np.full((300, 400, 3), 128, np.uint8)))
+
+
+TURNS = np.array([[6, 3, 6, 3], [10, 12, 9, 10], [12, 5, 5, 9]], np.int8)
+
+
+@pytest.mark.slow
+def test_a_floor_whose_tiles_differ_is_right_where_its_border_is_seen():
+    picture = photographed.photograph(TURNS, tiles=photographed.worn_tiles(0.5, 0.75))
+    proposal = propose_tiles(Photograph("worn", picture), shape=(3, 4))
+    np.testing.assert_array_equal(proposal.codes, TURNS)
+    assert off(proposal, photographed.corners_of(3, 4)) < 0.01
+    assert proposal.evidence["repeats"] < 0.85 and proposal.score > 0.9
+
+
+@pytest.mark.parametrize(
+    "move", [(1, 0), *(pytest.param(move, marks=pytest.mark.slow) for move in ((-1, 0), (0, 1), (0, -1)))]
+)
+def test_corners_a_whole_tile_beside_the_floor_are_refused(move):
+    codes = np.array([[6, 7, 5, 3], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)
+    true = photographed.corners_of(3, 4)
+    shifted = view_of(true, 3, 4, 800, 640).pixels_of(np.array([[0, 0], [4, 0], [4, 3], [0, 3.0]]) + move)
+    photo = Photograph("floor", photographed.photograph(codes))
+    proposal = propose_tiles(photo, shape=(3, 4), corners=np.clip(shifted, 0, [800, 640]))
+    assert proposal.score < SURE
+    assert proposal.advice.startswith("no tiles are seen along one side of the floor")
+
+
+@pytest.mark.parametrize("codes", [pytest.param(TOWN, marks=pytest.mark.slow), np.array([[15]], np.int8)])
+def test_a_mirrored_photograph_is_refused(codes):
+    picture = np.ascontiguousarray(photographed.photograph(codes)[:, ::-1])
+    proposal = propose_tiles(Photograph("mirror", picture), shape=codes.shape)
+    assert proposal.score < SURE
+    assert proposal.advice.startswith("the photograph is mirrored or shows left-hand traffic")
+
+
+def test_cells_that_differ_are_not_believed_where_no_border_is_seen():
+    """By cells alone, corners of hand-taped tiles were off by 1.5 % and by 1.9 %."""
+    seen = {"alike": 0.9, "edge": 0.9, "handed": 0.8, "out_of_square": 0.001}
+    for evidence in (
+        {"repeats": 0.9465, "spread": 0.0052, "border": 0.0},
+        {"repeats": 0.8843, "spread": 0.005, "border": 0.4},
+    ):
+        assert proposals._judge(seen | evidence, "floor", ())[0] < SURE
+    drawn = {"repeats": 0.97, "spread": 0.0056, "border": 0.22}
+    assert proposals._judge(seen | drawn, "floor", ())[0] > 0.9
+
+
+def test_a_single_tile_may_lie_in_any_direction():
+    photo = Photograph("turn", photographed.photograph(np.array([[3]], np.int8)))
+    proposal = propose_tiles(photo)
+    assert proposal.codes == [[3]] and proposal.score > 0.9
+    assert off(proposal, photographed.corners_of(1, 1)) < 0.01
+
+
+@pytest.mark.parametrize(("code", "ground"), [(5, (58, 70, 95)), (10, (120, 118, 116))])
+def test_a_border_is_found_next_to_white_tape(code, ground):
+    """Between the border and the tape is a narrow strip of asphalt, whose edge to the tape is the stronger one."""
+    codes = np.array([[code]], np.int8)
+    proposal = propose_tiles(Photograph("straight", photographed.photograph(codes, ground=ground)))
+    assert proposal.codes == [[code]] and proposal.score > SURE
+    assert off(proposal, photographed.corners_of(1, 1)) < 0.01
+
+
+def test_one_side_of_a_single_tile_may_be_off_by_a_twelfth():
+    """The floor is coarse and nearly as dark as asphalt, so that its edge is seen at few points of a side."""
+    rng, corners = np.random.default_rng(3), photographed.corners_of(1, 1).astype(float)
+    picture = photographed.photograph(np.array([[6]], np.int8), ground=(82, 88, 96)).astype(float)
+    coarse = cv2.resize(rng.normal(0, 6, (64, 80)), (photographed.WIDTH, photographed.HEIGHT))
+    photo = Photograph("turn", np.clip(picture + coarse[..., None], 0, 255).astype(np.uint8))
+    guess = corners.copy()
+    guess[:2] += (corners[[3, 2]] - corners[:2]) / 12
+    for proposal in (propose_tiles(photo), propose_tiles(photo, corners=guess)):
+        assert proposal.codes == [[6]] and proposal.score > SURE
+        assert off(proposal, corners) < 0.01
+
+
+def test_cells_without_a_tile_are_no_tiles():
+    codes = np.array([[6, 5, 3], [10, 0, 10], [10, 0, 10], [12, 5, 9]], np.int8)
+    proposal = propose_tiles(Photograph("ring", photographed.photograph(codes, ground=(215, 212, 208))), shape=(4, 3))
+    assert proposal.score > SURE
+    sure = np.array(proposal.sure) >= SURE
+    np.testing.assert_array_equal(np.array(proposal.codes)[sure], codes[sure])
+    assert sure[codes > 0].all()
+
+
+@pytest.mark.parametrize(("hole", "is_planned"), [((1, 0), False), pytest.param((0, 1), True, marks=pytest.mark.slow)])
+def test_a_missing_tile_that_roads_lead_to_is_no_tile(hole, is_planned):
+    """Its neighbours once made a straight or a crossing of it, that counted as sure."""
+    plan = np.array([[6, 7, 3], [10, 12, 11], [12, 5, 9]], np.int8)
+    laid = plan.copy()
+    laid[hole] = 0
+    shot = Photograph("floor", photographed.photograph(laid))
+    proposal = propose_tiles(shot, shape=(3, 3), codes=plan if is_planned else None)
+    is_sure = np.array(proposal.sure) >= SURE
+    assert (np.array(proposal.codes) == laid)[is_sure].all()
+    assert is_sure.sum() == 8
+    assert proposal.score >= SURE
+
+
+def test_a_floor_as_dark_as_asphalt_needs_exact_corners():
+    codes, corners = np.array([[6]], np.int8), photographed.corners_of(1, 1)
+    photo = Photograph("turn", photographed.photograph(codes, ground=photographed.ASPHALT))
+    assert score_of(photo, (1, 1)) < SURE
+    assert propose_tiles(photo, corners=corners).score < SURE
+    exact = propose_tiles(photo, corners=corners, fit=False)
+    assert exact.score > SURE and exact.codes == [[6]]
+
+
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        ([[0, 0], [300, 300], [300, 0], [0, 300]], "lines that cross"),
+        ([[0, 0], [0, 300], [300, 300], [300, 0]], "counter-clockwise"),
+        ([[0, 0], [3000, 0], [300, 300], [0, 300]], "points within floor, 800 x 640 pixels"),
+        ([[0, 0], [300, 0], [300, 300]], "four points"),
+        ([[0, 0], [300, 0], [300, np.nan], [0, 300]], r"corners: expected finite numbers, got .* \[300.0, nan\]"),
+    ],
+)
+def test_bad_corners_are_named(shot, corners, message):
+    with pytest.raises(InputError, match=message):
+        propose_tiles(shot, corners=np.array(corners))
+
+
+def test_the_size_of_a_photograph_that_was_shrunk_is_explained(shot):
+    """Corners are in pixels of the file for the command, whose message had another size without a word."""
+    message = "expected points within floor, 800 x 640 pixels at 1/2 of the file's size$"
+    with pytest.raises(InputError, match=message):
+        propose_tiles(shot._replace(name="floor", shrunk=2), shape=(3, 3), corners=CORNERS + 9999)
+
+
+@pytest.mark.parametrize("suffix", [".png", pytest.param(".jpg", marks=pytest.mark.slow)])
+def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix, tmp_path):
+    file = tmp_path / f"floor{suffix}"
+    picture = photographed.photograph(TOWN)
+    assert cv2.imwrite(str(file), cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
+    grey = Photograph.read(file)
+    message = f"floor{suffix}: expected a photograph in colours, .* got a grey one"
+    with pytest.raises(InputError, match=message):
+        propose_tiles(grey, shape=TOWN.shape)
+    assert main(["tiles", "read", str(file), "--size", *map(str, TOWN.shape)]) == 2
+    np.testing.assert_array_equal(propose_tiles(grey, codes=TOWN).codes, TOWN)  # a map tells its kinds
+    file = tmp_path / f"coloured{suffix}"
+    photographed.write(file, picture)
+    np.testing.assert_array_equal(propose_tiles(Photograph.read(file), shape=TOWN.shape).codes, TOWN)
