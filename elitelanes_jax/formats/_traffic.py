@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import SEED, check_named
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.formats.signals import rights_of_way
-from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.formats._scene import Lanelet, Scene, make_scene
+from elitelanes_jax.formats.streets import Line, Streets, to_metres
 from elitelanes_jax.lanes.curves import CHORDS, lane_curves, moved
-from elitelanes_jax.lanes.links import Cell, linked_codes
-from elitelanes_jax.lanes.movements import BACK, LaneGraph, Movement, lane_graph, no_lane_error
-from elitelanes_jax.network.codes import CONNECTIONS
+from elitelanes_jax.lanes.links import Cell
+from elitelanes_jax.lanes.movements import LaneNode, Movement, no_lane_error
 
 AGENTS = 32
 """The most cars of a map."""
@@ -52,13 +50,12 @@ class Road(NamedTuple):
     Attributes:
       kind: "lane", "road_line", the line between lanes, "road_edge" or "stop_sign".
       points: complex ``[P]``; a sign has one point.
-      movement: the movement that the line follows. A sign is for all movements from this one's
-        node.
+      lanelets: the indices of the lanelets that it belongs to.
     """
 
     kind: str
-    points: NDArray[np.complex128]
-    movement: Movement
+    points: Line
+    lanelets: list[int]
 
 
 class Log(NamedTuple):
@@ -78,18 +75,16 @@ class Traffic(NamedTuple):
     Positions are complex: metres east + north·i of the grid's south-west corner.
 
     Attributes:
-      graph: the graph of the lanes. Cars turn back at dead ends.
-      roads: lanes come first; their indices are those of the graph's movements.
+      scene: the road network.
+      roads: lanes come first; their indices are those of the lanelets.
       logs: the logs of up to `AGENTS` cars.
       sides: the sides of each car.
-      rows: the number of rows of the grid.
     """
 
-    graph: LaneGraph
+    scene: Scene
     roads: list[Road]
     logs: list[Log]
     sides: CarSides
-    rows: int
 
 
 def make_traffic(source: UserValue, streets: Streets, seed: int) -> Traffic:
@@ -109,54 +104,49 @@ def make_traffic(source: UserValue, streets: Streets, seed: int) -> Traffic:
         seed.
     """
     seed = check_named("seed", SEED, seed)
-    road_map = as_map(source)
-    rows = len(road_map.codes)
-    graph = lane_graph(road_map.codes, turn_back=True)
-    roads = _list_roads(road_map.codes, graph, streets)
-    rules = rights_of_way(road_map, streets)
-    stops = [tile for tile, rule in rules.items() if rule == "allway_stop"]
-    roads += _stop_signs(stops, graph, streets, rows)
-    logs = _drive(graph, roads, streets, np.random.default_rng(seed))
+    scene = make_scene(source, streets)
+    roads = _list_roads(scene)
+    logs = _drive(scene, roads, np.random.default_rng(seed))
     sides = CarSides(_LENGTH * streets.lane, _WIDTH * streets.lane, _HEIGHT * streets.lane)
-    return Traffic(graph, roads, logs, sides, rows)
+    return Traffic(scene, roads, logs, sides)
 
 
-def _list_roads(codes: NDArray[np.int8], graph: LaneGraph, streets: Streets) -> list[Road]:
-    """Returns the lanes, the lines between them, and the edges of the road."""
-    links = CONNECTIONS[linked_codes(codes)]
-    width, height = streets.lane / streets.tile_size, len(codes)
-    movements = graph.list_movements()
-    lanes = [
-        Road("lane", _line(movement, width / 2, streets, height), movement)
-        for movement in movements
-    ]
+def _list_roads(scene: Scene) -> list[Road]:
+    """Returns the lanes, the lines between them, the edges of the road, and the stop signs.
+
+    Each crossing has one sign for each heading, to the right of the lanes that enter it.
+    """
+    lanes: list[Road] = []
     lines: list[Road] = []
     edges: list[Road] = []
-    previous: Movement | None = None
-    for movement in movements:
-        # Movements are in ascending order of turn, so the first one from a side keeps furthest to
-        # the right.
-        is_rightmost = previous is None or previous.node != movement.node
-        is_first = previous is None or previous.node.tile != movement.node.tile
-        # The right edge of this movement is an edge of the road. The right edges of other movements
-        # cross the road.
-        if is_rightmost:
-            edges.append(Road("road_edge", _line(movement, width, streets, height), movement))
+    width = scene.streets.lane / scene.streets.tile_size
+    previous: LaneNode | None = None
+    for index, lanelet in enumerate(scene.lanelets):
+        node = lanelet.movement.node
+        lanes.append(Road("lane", _line(lanelet, width / 2, scene), [index]))
         # A line between the lanes of both directions is drawn once, and not on crossings and dead
         # ends.
-        if is_first and links[movement.node.tile] == 2:
-            lines.append(Road("road_line", _line(movement, 0.0, streets, height), movement))
-        previous = movement
-    return lanes + lines + edges
+        if lanelet.arms == 2 and (previous is None or previous.tile != node.tile):
+            lines.append(Road("road_line", _line(lanelet, 0.0, scene), [index]))
+        # Lanelets are in ascending order of turn, so the first one from a side keeps furthest to
+        # the right. Its right edge is an edge of the road. The right edges of the others cross the
+        # road.
+        if node != previous:
+            edges.append(Road("road_edge", _line(lanelet, width, scene), [index]))
+        previous = node
+    signs: list[Road] = []
+    for approaches in scene.crossings.values():
+        for approach in approaches:
+            if approach.control == "stop":
+                edge = _line(scene.lanelets[approach.lanelets[0]], width, scene)
+                signs.append(Road("stop_sign", edge[:1], approach.lanelets))
+    return lanes + lines + edges + signs
 
 
-def _line(
-    movement: Movement, offset: float, streets: Streets, height: int
-) -> NDArray[np.complex128]:
-    shift = np.array([movement.column, movement.row])
-    return to_metres(
-        _line_in_tile(movement.heading, movement.turn, offset) + shift, streets, height
-    )
+def _line(lanelet: Lanelet, offset: float, scene: Scene) -> Line:
+    row, column, heading, turn = lanelet.movement
+    points = _line_in_tile(heading, turn, offset) + np.array([column, row])
+    return to_metres(points, scene.streets, scene.rows)
 
 
 @cache
@@ -187,61 +177,33 @@ def _line_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "
     return np.concatenate([[first, second], points[1:-1], [last_but_one, last]]).round(12)
 
 
-def _stop_signs(tiles: list[Cell], graph: LaneGraph, streets: Streets, height: int) -> list[Road]:
-    """Returns the signs to the right of the lanes that enter crossings.
-
-    Each crossing has one sign for each heading.
-    """
-    width = streets.lane / streets.tile_size
-    # All turns from a side share the sign, so one movement for each heading is kept.
-    by_heading: dict[Cell, dict[int, Movement]] = {tile: {} for tile in tiles}
-    for movement in graph.list_movements():
-        if movement.node.tile in by_heading:
-            by_heading[movement.node.tile][movement.heading] = movement
-    signs: list[Road] = []
-    for entering in by_heading.values():
-        for movement in entering.values():
-            points = _line(movement, width, streets, height)[:1]
-            signs.append(Road("stop_sign", points, movement))
-    return signs
-
-
-def _drive(
-    graph: LaneGraph, roads: list[Road], streets: Streets, rng: np.random.Generator
-) -> list[Log]:
+def _drive(scene: Scene, roads: list[Road], rng: np.random.Generator) -> list[Log]:
     """Drives cars from random lanes along random turns."""
-    movements, successors = graph.list_movements(), graph.list_successors()
     # A car does not start in the middle of turning back.
-    starts = [index for index, movement in enumerate(movements) if movement.turn != BACK]
+    starts = [index for index, lanelet in enumerate(scene.lanelets) if lanelet.arms > 1]
     if not starts:
         raise no_lane_error()
     # The tiles where cars start. With one car on each, no two cars start in the same place.
-    taken: set[tuple[int, int]] = set()
+    taken: set[Cell] = set()
     logs: list[Log] = []
     for index in rng.permutation(starts).tolist():
-        tile = movements[index].node.tile
+        tile = scene.lanelets[index].movement.node.tile
         if len(logs) < AGENTS and tile not in taken:
             taken.add(tile)
-            logs.append(_follow(index, successors, roads, streets, rng))
+            logs.append(_follow(index, scene, roads, rng))
     return logs
 
 
-def _follow(
-    start: int,
-    successors: list[list[int]],
-    roads: list[Road],
-    streets: Streets,
-    rng: np.random.Generator,
-) -> Log:
+def _follow(start: int, scene: Scene, roads: list[Road], rng: np.random.Generator) -> Log:
     """Returns the log of a car that starts in the middle of a lane, and takes random turns."""
     parts = [roads[start].points]
     length = _lengths(parts[0])[-1]
     # The distances from the start of the first lane at each step.
-    along = length / 2 + np.arange(STEPS) * STEP * streets.speed
+    along = length / 2 + np.arange(STEPS) * STEP * scene.streets.speed
     index = start
     # Lanes are added until they are longer than the distance at the last step.
     while length <= along[-1]:
-        index = int(rng.choice(successors[index]))
+        index = int(rng.choice(scene.lanelets[index].successors))
         # A lane starts at the last point of the lane before it, so this point is left out.
         part = roads[index].points[1:]
         end_before = parts[-1][-1:]
@@ -252,7 +214,7 @@ def _follow(
     # The direction of the segment that a car is on gives its heading and its velocity.
     directions = np.diff(path) / np.abs(np.diff(path))
     ahead = directions[np.searchsorted(lengths, along, side="right") - 1]
-    return Log(np.interp(along, lengths, path), ahead * streets.speed, np.angle(ahead))
+    return Log(np.interp(along, lengths, path), ahead * scene.streets.speed, np.angle(ahead))
 
 
 def _lengths(path: NDArray[np.complex128], before: float = 0.0) -> NDArray[np.float64]:

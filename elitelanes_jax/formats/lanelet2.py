@@ -8,7 +8,7 @@ road. Places are on the equator, where UTM's zone 32 has its central meridian: r
 grid's south-west corner.
 """
 
-from itertools import count, groupby
+from itertools import count, groupby, islice
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -16,12 +16,9 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.formats.signals import rights_of_way
-from elitelanes_jax.formats.streets import Streets, bounds, giving_way
-from elitelanes_jax.lanes.links import linked_codes
-from elitelanes_jax.lanes.movements import BACK, TURNS, Movement, lane_graph
-from elitelanes_jax.network.codes import CONNECTIONS
+from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
+from elitelanes_jax.formats.streets import Line, Streets
+from elitelanes_jax.lanes.movements import TURNS
 
 # These are UTM's constants for the ellipsoid WGS 84. The series end at the third power of _N. The
 # error is under a micrometre up to 7 km from the origin, and under 14 micrometres up to 100 km.
@@ -39,20 +36,20 @@ class _Member(NamedTuple):
     role: str
 
 
-class _Lanelet(NamedTuple):
-    """A lanelet of the map.
+class _Relation(NamedTuple):
+    """The relation of a lanelet.
 
     Attributes:
-      movement: the movement that the lanelet leads along.
-      number: the number of its relation.
+      lanelet: the lanelet.
+      number: the number of the relation.
       members: its bounds, and the rules that it obeys.
-      entry: the left and the right point where it begins, in metres.
+      starts: the left and the right point where it starts, in metres.
     """
 
-    movement: Movement
+    lanelet: Lanelet
     number: int
     members: list[_Member]
-    entry: Complex128[np.ndarray, "2"]
+    starts: Line
 
 
 def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
@@ -71,44 +68,34 @@ def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     Raises:
       InputError: for a bad map, one without any road, or bad measures.
     """
-    road_map = as_map(source)
-    rules = rights_of_way(road_map, streets)
-    graph = lane_graph(road_map.codes, turn_back=True)
-    links = CONNECTIONS[linked_codes(road_map.codes)]
-    city = _Map()
-    # Movements are in the order of their tiles, so `groupby` collects those of each tile.
-    for tile, movements in groupby(graph.list_movements(), attrgetter("node.tile")):
-        is_crossing = bool(links[tile] > 2)
+    scene = make_scene(source, streets)
+    file = _File()
+    # Lanelets are in the order of their tiles, so `groupby` collects those of each tile.
+    for tile, lanelets in groupby(scene.lanelets, attrgetter("movement.node.tile")):
         # Rules and lanelets refer to each other. Lanelets get their numbers first, then the rules
         # are added, and the relations of lanelets come last.
-        lanelets = [
-            _start_lanelet(city, movement, streets, len(links), is_crossing)
-            for movement in movements
-        ]
-        if is_crossing:
-            _add_rules(city, lanelets, rules[tile])
-        for lanelet in lanelets:
-            _finish_lanelet(city, lanelet, streets, is_crossing)
-    return city.text()
+        relations = [_start_relation(file, lanelet, scene) for lanelet in lanelets]
+        if tile in scene.crossings:
+            _add_rules(file, scene.crossings[tile], relations)
+        for relation in relations:
+            file.add_relation(relation.number, relation.members, _tags(relation.lanelet, streets))
+    return file.text()
 
 
-def _start_lanelet(
-    city: "_Map", movement: Movement, streets: Streets, height: int, is_crossing: bool
-) -> _Lanelet:
-    """Adds the bounds of a lanelet. On a crossing no tape marks the bounds."""
-    left, right = bounds(movement, streets, height)
-    # A movement back leads around the middle of a dead end, where no line is.
-    left_kind = "virtual" if is_crossing or movement.turn == BACK else "line_thin"
-    right_kind = "virtual" if is_crossing else "line_thin"
+def _start_relation(file: "_File", lanelet: Lanelet, scene: Scene) -> _Relation:
+    """Adds the bounds of a lanelet, and gives it a number."""
+    left, right = scene.bounds(lanelet)
+    # No tape marks the bounds on a crossing, and none the middle of a dead end.
+    left_kind = "line_thin" if lanelet.arms == 2 else "virtual"
+    right_kind = "line_thin" if lanelet.arms <= 2 else "virtual"
     members = [
-        _Member("way", city.add_line(left, left_kind, "dashed"), "left"),
-        _Member("way", city.add_line(right, right_kind, "solid"), "right"),
+        _Member("way", file.add_line(left, left_kind, "dashed"), "left"),
+        _Member("way", file.add_line(right, right_kind, "solid"), "right"),
     ]
-    return _Lanelet(movement, city.next_number(), members, np.array([left[0], right[0]]))
+    return _Relation(lanelet, file.next_number(), members, np.array([left[0], right[0]]))
 
 
-def _finish_lanelet(city: "_Map", lanelet: _Lanelet, streets: Streets, is_crossing: bool) -> None:
-    """Adds the relation of a lanelet, when all its members are known."""
+def _tags(lanelet: Lanelet, streets: Streets) -> dict[str, str]:
     tags = {
         "type": "lanelet",
         "subtype": "road",
@@ -117,85 +104,44 @@ def _finish_lanelet(city: "_Map", lanelet: _Lanelet, streets: Streets, is_crossi
         "name": lanelet.movement.name,
         "speed_limit": f"{streets.speed * 3.6:g} km/h",
     }
-    if is_crossing:
+    if lanelet.arms > 2:
         tags["turn_direction"] = TURNS[lanelet.movement.turn]
-    city.add_relation(lanelet.number, lanelet.members, tags)
+    return tags
 
 
-def _add_rules(city: "_Map", lanelets: list[_Lanelet], right_of_way: str) -> None:
-    """Adds who goes first at a crossing to its lanelets."""
-    if right_of_way == "allway_stop":
-        _add_stop_for_all(city, lanelets)
-    elif right_of_way == "traffic_light":
-        _add_lights(city, lanelets)
-    elif right_of_way == "priority":
-        _add_priority(city, lanelets)
+def _add_rules(file: "_File", approaches: list[Approach], relations: list[_Relation]) -> None:
+    """Adds who goes first at a crossing. `relations` are those of the lanelets on its tile."""
+    # The parts of the crossing's rule are lanelets by their role, then the stop lines.
+    roles: list[_Member] = []
+    stop_lines: list[_Member] = []
+    lights: list[tuple[list[_Member], list[_Relation]]] = []
+    # The relations are in the order of the approaches.
+    rest = iter(relations)
+    for approach in approaches:
+        ruled = list(islice(rest, len(approach.lanelets)))
+        left, right = starts = ruled[0].starts
+        if approach.control in ("stop", "light"):
+            # Lanelets from one side share a stop line.
+            stop_line = _Member("way", file.add_line(starts, "stop_line"), "ref_line")
+            stop_lines += [stop_line] * len(ruled)
+        if approach.control == "light":
+            # The light is beside the lane, from 0.1 to 0.4 of its width to the right of it.
+            beside_lane = right + (right - left) * np.array([0.1, 0.4])
+            light = file.add_line(beside_lane, "traffic_light", "red_yellow_green")
+            lights.append(([_Member("way", light, "refers"), stop_line], ruled))
+        role = "right_of_way" if approach.control == "go_first" else "yield"
+        roles += [_Member("relation", relation.number, role) for relation in ruled]
+    for members, ruled in lights:
+        file.add_rule("traffic_light", members, ruled)
+    # Where no road gives way, or the one from the right goes first, there is no rule.
+    if approach.control == "stop":
+        file.add_rule("all_way_stop", roles + stop_lines, relations)
+    elif approach.control in ("yield", "go_first"):
+        file.add_rule("right_of_way", roles, relations)
 
 
-def _entries_of(lanelets: list[_Lanelet]) -> dict[int, Complex128[np.ndarray, "2"]]:
-    """Returns the left and the right point where each road enters a crossing, by the heading."""
-    return {lanelet.movement.heading: lanelet.entry for lanelet in lanelets}
-
-
-def _add_stop_for_all(city: "_Map", lanelets: list[_Lanelet]) -> None:
-    # Lanelets from one side share a stop line.
-    stop_lines = {
-        heading: city.add_line(entry, "stop_line")
-        for heading, entry in _entries_of(lanelets).items()
-    }
-    members = [_Member("relation", lanelet.number, "yield") for lanelet in lanelets]
-    for lanelet in lanelets:
-        members.append(_Member("way", stop_lines[lanelet.movement.heading], "ref_line"))
-    _add_rule(city, "all_way_stop", members, lanelets)
-
-
-def _add_lights(city: "_Map", lanelets: list[_Lanelet]) -> None:
-    """Adds a light and a stop line for each road that enters the crossing.
-
-    The light is on the right of the road's lane.
-    """
-    members_of_lights: dict[int, list[_Member]] = {}
-    for heading, entry in _entries_of(lanelets).items():
-        left, right = entry
-        stop_line = city.add_line(entry, "stop_line")
-        # The light is beside the lane, from 0.1 to 0.4 of its width to the right of it.
-        beside_lane = right + (right - left) * np.array([0.1, 0.4])
-        light = city.add_line(beside_lane, "traffic_light", "red_yellow_green")
-        members_of_lights[heading] = [
-            _Member("way", light, "refers"),
-            _Member("way", stop_line, "ref_line"),
-        ]
-    for heading, members in members_of_lights.items():
-        ruled = [lanelet for lanelet in lanelets if lanelet.movement.heading == heading]
-        _add_rule(city, "traffic_light", members, ruled)
-
-
-def _add_priority(city: "_Map", lanelets: list[_Lanelet]) -> None:
-    """Adds the rule that the road that goes straight on goes first.
-
-    A crossing with four arms has two such roads, and gets no rule.
-    """
-    yielding = giving_way(lanelet.movement for lanelet in lanelets)
-    # At four arms no road gives way.
-    if not yielding:
-        return
-    members = []
-    for lanelet in lanelets:
-        role = "yield" if lanelet.movement.heading in yielding else "right_of_way"
-        members.append(_Member("relation", lanelet.number, role))
-    _add_rule(city, "right_of_way", members, lanelets)
-
-
-def _add_rule(city: "_Map", subtype: str, members: list[_Member], ruled: list[_Lanelet]) -> None:
-    """Adds a rule, and names it in the lanelets that obey it."""
-    number = city.next_number()
-    city.add_relation(number, members, {"type": "regulatory_element", "subtype": subtype})
-    for lanelet in ruled:
-        lanelet.members.append(_Member("relation", number, "regulatory_element"))
-
-
-class _Map:
-    """The elements of a map.
+class _File:
+    """The elements of a file.
 
     Points with equal coordinates, and lines through the same points, are added once.
     """
@@ -207,7 +153,7 @@ class _Map:
         self.relations: list[str] = []
         self.next_number = count(1).__next__
 
-    def add_line(self, points: Complex128[np.ndarray, " P"], kind: str, subtype: str = "") -> int:
+    def add_line(self, points: Line, kind: str, subtype: str = "") -> int:
         """Adds a line, and returns its number."""
         # Micrometres are enough, and make points of neighbours equal in spite of rounding errors.
         node_numbers = [self._add_point(point) for point in np.round(points, 6).tolist()]
@@ -234,6 +180,13 @@ class _Map:
             f'<member type="{kind}" ref="{ref}" role="{role}"/>' for kind, ref, role in members
         )
         self.relations.append(_element("relation", number, parts, tags))
+
+    def add_rule(self, subtype: str, members: list[_Member], ruled: list[_Relation]) -> None:
+        """Adds a rule, and names it in the lanelets that obey it."""
+        number = self.next_number()
+        self.add_relation(number, members, {"type": "regulatory_element", "subtype": subtype})
+        for relation in ruled:
+            relation.members.append(_Member("relation", number, "regulatory_element"))
 
     def text(self) -> str:
         """Returns the text of the file."""

@@ -10,28 +10,34 @@ tile.
 """
 
 import math
+from itertools import count
 from typing import NamedTuple
 
-import numpy as np
-from jaxtyping import Int8
-
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats._pieces import middle_across_tile, middle_of_road
-from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.formats.signals import (
-    Arrival,
-    Signal,
-    list_signals,
-    rights_of_way,
-    signal_element,
-)
+from elitelanes_jax.formats._roads import arrival, cut_roads, middle_across_tile, middle_of_road
+from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.signals import Signal, list_signals
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import Curve, lane_curves
-from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
-from elitelanes_jax.lanes.movements import BACK, Movement, lane_graph
+from elitelanes_jax.lanes.links import Cell, side_towards
+from elitelanes_jax.lanes.movements import BACK, LaneNode
 
 # The south-west corner of the grid is on the equator, on the central meridian of UTM's zone 32.
 _GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
+
+
+# The types of signs in the German road traffic regulations (StVO), and their subtypes.
+_TYPES = {
+    "sign_stop": ("206", "-1"),
+    "sign_yield": ("205", "-1"),
+    "sign_t_light_ahead": ("131", "-1"),
+    "sign_do_not_enter": ("267", "-1"),
+    "sign_oneway_left": ("220", "10"),
+    "sign_oneway_right": ("220", "20"),
+    "sign_pedestrian": ("350", "-1"),
+    "sign_parking": ("314", "-1"),
+}
 
 
 class _End(NamedTuple):
@@ -52,29 +58,6 @@ class _End(NamedTuple):
         return 1 if self.starts else -1
 
 
-class _Network(NamedTuple):
-    """The roads and junctions that the tiles of a map become.
-
-    Attributes:
-      links: the linked neighbours of each tile.
-      junctions: the number of the junction on each tile that has one, in ascending order.
-      paths: the tiles of each road between junctions, with those of both junctions.
-      first_road: the number of the first path's road. CARLA takes a number for a road if there is
-        one with it, so roads are numbered after junctions.
-      ends: the end of a road at each arrival in a junction.
-      height: the number of rows.
-      streets: the measures of all roads.
-    """
-
-    links: dict[Cell, list[Cell]]
-    junctions: dict[Cell, int]
-    paths: list[list[Cell]]
-    first_road: int
-    ends: dict[Arrival, _End]
-    height: int
-    streets: Streets
-
-
 def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
@@ -93,99 +76,97 @@ def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
     Raises:
       InputError: for a bad map, one without any road, or bad measures.
     """
-    road_map = as_map(source)
-    rules = rights_of_way(road_map, streets)
-    movements = lane_graph(road_map.codes, turn_back=True).list_movements()
-    network = _make_network(road_map.codes, streets)
-    signals = list_signals(road_map, rules, network.paths)
-    connections: dict[Cell, list[str]] = {tile: [] for tile in network.junctions}
-    roads = _roads(network, signals)
-    for movement in movements:
+    scene = make_scene(source, streets)
+    # Tiles with two links are inside roads. Crossings and dead ends are nodes.
+    nodes = {tile for tile, neighbours in scene.links.items() if len(neighbours) != 2}
+    paths = cut_roads(scene.links, nodes)
+    # A tile without links has no road, and so no junction.
+    ends_of_paths = {tile for path in paths for tile in (path[0], path[-1])}
+    numbers = {tile: index for index, tile in enumerate(sorted(nodes | ends_of_paths), 1)}
+    junctions = {tile: numbers[tile] for tile in sorted(ends_of_paths)}
+    signals = list_signals(scene.road_map, scene.rights, paths)
+    # CARLA takes a number for a road if there is one with it, so roads are numbered after
+    # junctions.
+    number = count(max(junctions.values()) + 1).__next__
+    roads: list[str] = []
+    # The end of a road at each node where drivers arrive.
+    ends: dict[LaneNode, _End] = {}
+    for path in paths:
+        road = number()
+        ends[arrival(path[::-1])] = _End(road, starts=True)
+        ends[arrival(path)] = _End(road, starts=False)
+        roads.append(_road(path, road, junctions, signals, scene))
+    contents: dict[Cell, list[str]] = {tile: [] for tile in junctions}
+    for lanelet in scene.lanelets:
+        movement = lanelet.movement
         tile = movement.node.tile
         # Movements on other tiles are part of the roads between junctions.
-        if tile in network.junctions:
-            number = network.first_road + len(roads)
-            roads.append(_connecting_road(network, number, movement))
-            connections[tile].append(_connection(network, number, movement, len(connections[tile])))
-    controllers, rights = _rights_at_junctions(network, rules, signals)
-    junctions = []
-    for tile, number in network.junctions.items():
-        content = "".join(connections[tile] + rights.get(tile, []))
-        junctions.append(f'<junction id="{number}" name="{tile[0]}_{tile[1]}">{content}</junction>')
-    head = ['<?xml version="1.0" encoding="UTF-8"?>', "<OpenDRIVE>"]
-    head.append(_header(road_map.codes.shape, streets))
-    return "\n".join(head + roads + controllers + junctions + ["</OpenDRIVE>\n"])
+        if tile in junctions:
+            # The road that a movement leads to ends where its oncoming drivers arrive.
+            start, end = ends[movement.node], ends[LaneNode(*tile, (movement.exit + 2) % 4)]
+            road = number()
+            roads.append(_connecting_road(lanelet, road, junctions[tile], start, end, scene))
+            contents[tile].append(
+                f'<connection id="{len(contents[tile])}" incomingRoad="{start.road}" '
+                f'connectingRoad="{road}" contactPoint="start">'
+                f'<laneLink from="{start.lane_in}" to="-1"/></connection>'
+            )
+    controllers: list[str] = []
+    for tile, approaches in scene.crossings.items():
+        contents[tile] += _rights(approaches, controllers, signals, ends)
+    file = ['<?xml version="1.0" encoding="UTF-8"?>', "<OpenDRIVE>", _header(scene)]
+    file += roads + controllers
+    for (row, column), junction in junctions.items():
+        content = "".join(contents[row, column])
+        file.append(f'<junction id="{junction}" name="{row}_{column}">{content}</junction>')
+    return "\n".join([*file, "</OpenDRIVE>\n"])
 
 
-def _make_network(codes: Int8[np.ndarray, "H W"], streets: Streets) -> _Network:
-    links = linked_tiles(codes)
-    # Tiles with two links are inside roads. Crossings and dead ends are nodes.
-    nodes = {tile for tile in links if len(links[tile]) != 2}
-    for path in walk_roads(links, nodes):
-        # No road may lead back to the junction where it starts. A further junction cuts it in two.
-        if path[0] == path[-1]:
-            nodes |= {path[0], path[len(path) // 2]}
-    # A tile without links has no road, and so no junction.
-    linked_nodes = [tile for tile in sorted(nodes) if links[tile]]
-    numbers = {tile: index + 1 for index, tile in enumerate(sorted(nodes))}
-    junctions = {tile: numbers[tile] for tile in linked_nodes}
-    first_road = max(junctions.values()) + 1
-    # With all junctions known, the roads are walked again.
-    paths = walk_roads(links, set(junctions))
-    ends: dict[Arrival, _End] = {}
-    for number, path in enumerate(paths, first_road):
-        ends[path[0], path[1]] = _End(number, starts=True)
-        ends[path[-1], path[-2]] = _End(number, starts=False)
-    return _Network(links, junctions, paths, first_road, ends, len(codes), streets)
-
-
-def _header(shape: tuple[int, ...], streets: Streets) -> str:
-    north, east = shape[0] * streets.tile_size, shape[1] * streets.tile_size
+def _header(scene: Scene) -> str:
+    north, east = (length * scene.streets.tile_size for length in scene.road_map.codes.shape)
     extent = f'north="{north:.9g}" south="0" east="{east:.9g}" west="0"'
     reference = f"<geoReference>{_GEO_REFERENCE}</geoReference>"
     return f'<header revMajor="1" revMinor="7" name="" version="1" {extent}>{reference}</header>'
 
 
-def _roads(network: _Network, signals: dict[Arrival, list[Signal]]) -> list[str]:
-    """Returns the elements of the roads between junctions, with their signals.
-
-    Each road has a lane on each side.
-    """
-    streets, height = network.streets, network.height
+def _road(
+    path: list[Cell],
+    number: int,
+    junctions: dict[Cell, int],
+    signals: dict[LaneNode, list[Signal]],
+    scene: Scene,
+) -> str:
+    """Returns the element of a road between junctions, with its signals and a lane on each side."""
+    streets = scene.streets
+    plan, length = _plan_view(middle_of_road(path, scene.links), scene)
+    # Who arrives at the first tile drives against the direction of the road, on lane 1.
+    signs = [_signal(signal, 0, 1, scene) for signal in signals[arrival(path[::-1])]]
+    signs += [_signal(signal, length, -1, scene) for signal in signals[arrival(path)]]
     lanes = (
         f"<left>{_lane(1, 'solid', streets)}</left>"
         f"<center>{_lane(0, 'broken', streets)}</center>"
         f"<right>{_lane(-1, 'solid', streets)}</right>"
     )
-    roads = []
-    for number, path in enumerate(network.paths, network.first_road):
-        pieces = middle_of_road(path, network.links)
-        signs = ""
-        # Who arrives at the first tile drives against the direction of the road, on lane 1.
-        for signal in signals[path[0], path[1]]:
-            signs += signal_element(signal, 0, 1, streets, height)
-        for signal in signals[path[-1], path[-2]]:
-            signs += signal_element(signal, _length(pieces, streets), -1, streets, height)
-        row, column = path[0]
-        name = f"{row}_{column}_{side_towards(path[0], path[1]).name}"
-        roads.append(
-            _element(
-                f'name="{name}" id="{number}" junction="-1"',
-                f'elementType="junction" elementId="{network.junctions[path[0]]}"',
-                f'elementType="junction" elementId="{network.junctions[path[-1]]}"',
-                pieces,
-                f'<lanes><laneSection s="0">{lanes}</laneSection></lanes>'
-                f"<signals>{signs}</signals>",
-                network,
-            )
-        )
-    return roads
+    row, column = path[0]
+    return _element(
+        f'name="{row}_{column}_{side_towards(path[0], path[1]).name}" id="{number}" junction="-1"',
+        f'<predecessor elementType="junction" elementId="{junctions[path[0]]}"/>'
+        f'<successor elementType="junction" elementId="{junctions[path[-1]]}"/>',
+        length,
+        plan,
+        f'<lanes><laneSection s="0">{lanes}</laneSection></lanes>'
+        f"<signals>{''.join(signs)}</signals>",
+        streets,
+    )
 
 
-def _connecting_road(network: _Network, number: int, movement: Movement) -> str:
+def _connecting_road(
+    lanelet: Lanelet, number: int, junction: int, start: _End, end: _End, scene: Scene
+) -> str:
     """Returns the element of a road across a junction, with the right lane alone and no marks."""
-    streets = network.streets
-    start, end = _ends_of(network, movement)
+    streets, movement = scene.streets, lanelet.movement
+    pieces = _connecting_pieces(lanelet, scene)
+    plan, length = _plan_view(pieces, scene)
     link = f'<link><predecessor id="{start.lane_in}"/><successor id="{-end.lane_in}"/></link>'
     lanes = (
         f"<center>{_lane(0, 'none', streets)}</center>"
@@ -197,98 +178,96 @@ def _connecting_road(network: _Network, number: int, movement: Movement) -> str:
         # road.
         offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>'
     return _element(
-        f'name="{movement.name}" id="{number}" junction="{network.junctions[movement.node.tile]}"',
-        start.link,
-        end.link,
-        _connecting_pieces(network, movement),
+        f'name="{movement.name}" id="{number}" junction="{junction}"',
+        f"<predecessor {start.link}/><successor {end.link}/>",
+        length,
+        plan,
         f'<lanes>{offset}<laneSection s="0">{lanes}</laneSection></lanes>',
-        network,
+        streets,
     )
 
 
-def _connecting_pieces(network: _Network, movement: Movement) -> list[Curve]:
+def _connecting_pieces(lanelet: Lanelet, scene: Scene) -> list[Curve]:
     """Returns the line or arc across a junction.
 
     It leads from the end of one road to the start of another.
     """
+    movement = lanelet.movement
     if movement.turn == BACK:
         # The roads already lead to the middle of the tile, so the lines on both sides are left out.
-        _, half_circle, _ = lane_curves(
-            movement, network.streets.lane / network.streets.tile_size / 2
-        )
-        return [half_circle]
-    links = network.links
+        return lane_curves(movement, scene.streets.lane / scene.streets.tile_size / 2)[1:2]
     # Only roads between adjacent crossings lead beyond the border. This tile is then a crossing,
     # because a junction inside a road is next to no crossing.
     return middle_across_tile(
         movement,
-        from_crossing=len(links[movement.node.tile_before]) > 2,
-        to_crossing=len(links[movement.next_node.tile]) > 2,
+        from_crossing=movement.node.tile_before in scene.crossings,
+        to_crossing=movement.next_node.tile in scene.crossings,
     )
 
 
-def _connection(network: _Network, number: int, movement: Movement, index: int) -> str:
-    """Returns the element of a junction for the connecting road with a number."""
-    start, _ = _ends_of(network, movement)
-    roads = f'incomingRoad="{start.road}" connectingRoad="{number}" contactPoint="start"'
-    lane_link = f'<laneLink from="{start.lane_in}" to="-1"/>'
-    return f'<connection id="{index}" {roads}>{lane_link}</connection>'
+def _rights(
+    approaches: list[Approach],
+    controllers: list[str],
+    signals: dict[LaneNode, list[Signal]],
+    ends: dict[LaneNode, _End],
+) -> list[str]:
+    """Returns the elements of a junction that say who goes first, and adds controllers of lights.
 
-
-def _ends_of(network: _Network, movement: Movement) -> tuple[_End, _End]:
-    """Returns the ends of the roads that a movement joins."""
-    node = movement.node
-    return network.ends[node.tile, node.tile_before], network.ends[
-        node.tile, movement.next_node.tile
-    ]
-
-
-def _rights_at_junctions(
-    network: _Network, rules: dict[Cell, str], signals: dict[Arrival, list[Signal]]
-) -> tuple[list[str], dict[Cell, list[str]]]:
-    """Returns the controllers of lights, and the elements of junctions that say who goes first."""
-    controllers: list[str] = []
-    rights: dict[Cell, list[str]] = {}
-    for tile, rule in rules.items():
-        # The arrivals of the road between north and south.
-        along: list[Arrival] = []
-        # The arrivals of the road between west and east.
-        beside: list[Arrival] = []
-        for neighbour in network.links[tile]:
-            axis = along if neighbour[1] == tile[1] else beside
-            axis.append((tile, neighbour))
-        if rule == "traffic_light":
-            rights[tile] = []
-            # Each axis has a controller. The sequence orders the controllers of a junction.
-            for sequence, axis in enumerate((beside, along)):
-                place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
-                controllers.append(
-                    f"<controller {place}>{_controlled_lights(axis, signals)}</controller>"
-                )
-                rights[tile].append(f'<controller {place} type="0"/>')
-        # Only a crossing of three roads has one that ends there, and gives way.
-        elif rule == "priority" and len(network.links[tile]) == 3:
-            (low,), high = sorted((along, beside), key=len)
-            low_road = network.ends[low].road
-            rights[tile] = []
-            for arrival in high:
-                rights[tile].append(
-                    f'<priority high="{network.ends[arrival].road}" low="{low_road}"/>'
-                )
-    return controllers, rights
-
-
-def _controlled_lights(axis: list[Arrival], signals: dict[Arrival, list[Signal]]) -> str:
-    """Returns the elements of a controller.
-
-    There is one for each light at the ends of two opposite roads.
+    Each axis has a controller, which the sequence orders: west to east, then north to south.
     """
-    lights = ""
-    for arrival in axis:
-        for signal in signals[arrival]:
-            if signal.kind == "trafficlight":
-                lights += f'<control signalId="{signal.number}" type="0"/>'
-    return lights
+    rights: list[str] = []
+    for sequence, axis in enumerate((1, 0)):
+        controls = ""
+        # Roads are in clockwise order from the north, where drivers arrive with heading 2.
+        for approach in approaches[::-1]:
+            if approach.control == "light" and approach.node.heading % 2 == axis:
+                for signal in signals[approach.node]:
+                    if signal.kind == "trafficlight":
+                        controls += f'<control signalId="{signal.number}" type="0"/>'
+        if controls:
+            place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
+            controllers.append(f"<controller {place}>{controls}</controller>")
+            rights.append(f'<controller {place} type="0"/>')
+    for low in approaches:
+        for high in approaches[::-1]:
+            if (low.control, high.control) == ("yield", "go_first"):
+                roads = f'high="{ends[high.node].road}" low="{ends[low.node].road}"'
+                rights.append(f"<priority {roads}/>")
+    return rights
+
+
+def _signal(signal: Signal, s: float, lane: int, scene: Scene) -> str:
+    """Returns the element of a signal for the drivers of a lane.
+
+    `s` is the distance of the signal from the start of its road.
+    """
+    streets = scene.streets
+    if signal.item is None:
+        # A signal without an object of the map gets a size and a height in proportion to the lane.
+        height = width = streets.lane / 4
+        above = 0.7 * streets.lane
+        place = ""
+    else:
+        item = signal.item
+        height = item.height * streets.tile_size / TILE_SIZE
+        width = item.footprint[1] * streets.tile_size / TILE_SIZE
+        above = 0.0
+        x, y = item.x * streets.tile_size, (scene.rows - item.y) * streets.tile_size
+        place = f'<positionInertial x="{x:.9g}" y="{y:.9g}" z="0" hdg="{signal.heading:.9g}"/>'
+    if signal.kind == "trafficlight":
+        # OpenDRIVE itself defines this type, a light with three colours.
+        about = 'country="OpenDRIVE" type="1000001" subtype="-1" dynamic="yes"'
+    else:
+        kind, subtype = _TYPES.get(signal.kind, ("-1", "-1"))
+        about = f'country="DE" type="{kind}" subtype="{subtype}" dynamic="no"'
+    # A signal is read by those who drive along the road, "+", or against it, "-".
+    orientation = "-" if lane > 0 else "+"
+    position = f's="{s:.12g}" t="{1.25 * lane * streets.lane:.9g}"'
+    size = f'zOffset="{above:.9g}" height="{height:.9g}" width="{width:.9g}"'
+    return (
+        f'<signal {position} id="{signal.number}" name="{signal.kind}" orientation="{orientation}" '
+        f'{about} value="-1" {size}><validity fromLane="{lane}" toLane="{lane}"/>{place}</signal>'
+    )
 
 
 def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
@@ -303,49 +282,29 @@ def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
 
 
 def _element(
-    attributes: str,
-    predecessor: str,
-    successor: str,
-    pieces: list[Curve],
-    lanes: str,
-    network: _Network,
+    attributes: str, link: str, length: float, plan: str, content: str, streets: Streets
 ) -> str:
     """Returns the element of a road; lengths are in metres."""
-    streets = network.streets
-    link = f"<link><predecessor {predecessor}/><successor {successor}/></link>"
     speed = f'<speed max="{streets.speed:.9g}" unit="m/s"/>'
-    plan = _plan_view(pieces, streets, network.height)
     return (
-        f'<road {attributes} length="{_length(pieces, streets):.12g}">{link}'
+        f'<road {attributes} length="{length:.12g}"><link>{link}</link>'
         f'<type s="0" type="town">{speed}</type>'
-        f"<planView>{plan}</planView>{lanes}</road>"
+        f"<planView>{plan}</planView>{content}</road>"
     )
 
 
-def _plan_view(pieces: list[Curve], streets: Streets, height: int) -> str:
-    """Returns the elements of lines and arcs."""
-    geometries = []
+def _plan_view(pieces: list[Curve], scene: Scene) -> tuple[str, float]:
+    """Returns the elements of lines and arcs, and their length in metres."""
+    tile_size = scene.streets.tile_size
+    geometries = ""
     s = 0.0
     for east, south, heading, length, curvature in pieces:
-        x, y = east * streets.tile_size, (height - south) * streets.tile_size
+        x, y = east * tile_size, (scene.rows - south) * tile_size
         # Headings are clockwise from north, and angles counter-clockwise from east.
         angle = (1 - heading) * math.pi / 2
-        metres = length * streets.tile_size
+        metres = length * tile_size
         place = f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.12g}"'
-        shape = "<line/>"
-        if curvature:
-            shape = f'<arc curvature="{curvature / streets.tile_size:.12g}"/>'
-        geometries.append(f"<geometry {place}>{shape}</geometry>")
+        shape = f'<arc curvature="{curvature / tile_size:.12g}"/>' if curvature else "<line/>"
+        geometries += f"<geometry {place}>{shape}</geometry>"
         s += metres
-    return "".join(geometries)
-
-
-def _length(pieces: list[Curve], streets: Streets) -> float:
-    """Returns the length of a road in metres.
-
-    It has the rounding of the positions in `_plan_view`.
-    """
-    length = 0.0
-    for piece in pieces:
-        length += piece.length * streets.tile_size
-    return length
+    return geometries, s

@@ -72,7 +72,7 @@ def to_pufferdrive(
       InputError: for a bad map, one without a lane from a tile to another, or a bad seed.
     """
     traffic = make_traffic(source, streets, seed)
-    return PufferDrive(_to_binary(traffic), _to_json(name, traffic, streets))
+    return PufferDrive(_to_binary(traffic), _to_json(name, traffic))
 
 
 def _to_binary(traffic: Traffic) -> bytes:
@@ -105,9 +105,7 @@ def _one_float_each(values: NDArray[np.float64]) -> bytes:
     return values.astype("<f4").tobytes()
 
 
-def _to_json(name: str, traffic: Traffic, streets: Streets) -> str:
-    successors = traffic.graph.list_successors()
-    predecessors = traffic.graph.list_predecessors()
+def _to_json(name: str, traffic: Traffic) -> str:
     # Micrometres are enough, and keep the text short.
     length, width, height = (round(side, 6) for side in traffic.sides)
     objects: list[Plain] = []
@@ -136,9 +134,10 @@ def _to_json(name: str, traffic: Traffic, streets: Streets) -> str:
         }
         # The ids of lanes are their indices, because lanes come first.
         if road.kind == "lane":
-            line["entry_lanes"] = list(predecessors[number])
-            line["exit_lanes"] = list(successors[number])
-            line["speed_limit"] = streets.speed
+            lanelet = traffic.scene.lanelets[number]
+            line["entry_lanes"] = list(lanelet.predecessors)
+            line["exit_lanes"] = list(lanelet.successors)
+            line["speed_limit"] = traffic.scene.streets.speed
         roads.append(line)
     content: dict[str, Plain] = {
         "name": name,

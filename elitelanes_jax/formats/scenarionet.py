@@ -19,9 +19,8 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Road, Traffic, make_traffic
-from elitelanes_jax.formats.streets import Streets, bounds
-from elitelanes_jax.lanes.movements import LaneNode
+from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Traffic, make_traffic
+from elitelanes_jax.formats.streets import Streets
 
 # MetaDrive's types of what is on a map.
 _KINDS = {
@@ -70,7 +69,7 @@ def to_scenarionet(
     for log in _without_touching(traffic.logs, traffic.sides):
         number = str(len(tracks))
         tracks[number] = _track(number, log, traffic.sides, steps)
-    features = _features(traffic, streets)
+    features = _features(traffic)
     metadata: dict[str, Plain] = {
         "id": name,
         "scenario_id": name,
@@ -167,37 +166,29 @@ def _track(number: str, log: Log, sides: CarSides, steps: int) -> dict[str, Plai
     return {"type": _VEHICLE, "state": state, "metadata": about}
 
 
-def _features(traffic: Traffic, streets: Streets) -> dict[str, Plain]:
+def _features(traffic: Traffic) -> dict[str, Plain]:
     """Returns what is on the map, by ids that are whole numbers."""
-    successors, predecessors = traffic.graph.list_successors(), traffic.graph.list_predecessors()
-    # A sign is for all lanes that start at its node.
-    lanes_of: dict[LaneNode, list[str]] = {}
-    for index, movement in enumerate(traffic.graph.list_movements()):
-        lanes_of.setdefault(movement.node, []).append(str(index))
     features: dict[str, Plain] = {}
     for index, road in enumerate(traffic.roads):
         feature: dict[str, Plain] = {"type": _KINDS[road.kind]}
         if road.kind == "stop_sign":
             feature["position"] = _floats(road.points, 3)[0]
-            feature["lane"] = lanes_of[road.movement.node]
+            feature["lane"] = list(map(str, road.lanelets))
         else:
             feature["polyline"] = _floats(road.points, 3)
         if road.kind == "lane":
-            feature["polygon"] = _outline(road, streets, traffic.rows)
-            feature["entry_lanes"] = list(map(str, predecessors[index]))
-            feature["exit_lanes"] = list(map(str, successors[index]))
+            lanelet = traffic.scene.lanelets[index]
+            # The polygon goes along the left bound and comes back along the right one.
+            left, right = traffic.scene.bounds(lanelet)
+            feature["polygon"] = _floats(np.concatenate([left, right[::-1]]), 2)
+            feature["entry_lanes"] = list(map(str, lanelet.predecessors))
+            feature["exit_lanes"] = list(map(str, lanelet.successors))
             # MetaDrive's neighbours are lanes to change to. Each direction has one lane, so there
             # are none.
             feature |= {"left_neighbor": [], "right_neighbor": []}
-            feature["speed_limit_kmh"] = 3.6 * streets.speed
+            feature["speed_limit_kmh"] = 3.6 * traffic.scene.streets.speed
         features[str(index)] = feature
     return features
-
-
-def _outline(road: Road, streets: Streets, rows: int) -> NDArray[np.float32]:
-    left, right = bounds(road.movement, streets, rows)
-    # The polygon goes along the left bound and comes back along the right one.
-    return _floats(np.concatenate([left, right[::-1]]), 2)
 
 
 def _floats(points: NDArray[np.complex128], dimensions: int) -> NDArray[np.float32]:

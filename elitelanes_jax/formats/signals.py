@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from elitelanes_jax._util.checks import check_named, instance
-from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats._roads import arrival
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.streets import Streets
-from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
+from elitelanes_jax.lanes.links import Cell, linked_tiles
+from elitelanes_jax.lanes.movements import LaneNode
 from elitelanes_jax.network.codes import SIDES
 
 # A sign at this distance in tiles, or farther away, belongs to no crossing.
@@ -33,21 +34,6 @@ _OF_CROSSINGS = ("_stop", "_yield", "_t_light_ahead", "_intersect")
 # 0.08 outside their tiles.
 _ASIDE = 0.3
 
-# The types of signs in the German road traffic regulations (StVO), and their subtypes.
-_TYPES = {
-    "sign_stop": ("206", "-1"),
-    "sign_yield": ("205", "-1"),
-    "sign_t_light_ahead": ("131", "-1"),
-    "sign_do_not_enter": ("267", "-1"),
-    "sign_oneway_left": ("220", "10"),
-    "sign_oneway_right": ("220", "20"),
-    "sign_pedestrian": ("350", "-1"),
-    "sign_parking": ("314", "-1"),
-}
-
-Arrival = tuple[Cell, Cell]
-"""Where a road ends: the tile that it leads to, and the tile before."""
-
 
 class _Passage(NamedTuple):
     """A lane on a tile. Positions are complex: x east, y north.
@@ -56,13 +42,13 @@ class _Passage(NamedTuple):
       middle: the middle of the tile.
       ahead: the direction of the lane, of size 1.
       starts: whether its road starts there.
-      end: the end of its road.
+      end: the node at the end of its road.
     """
 
     middle: complex
     ahead: complex
     starts: bool
-    end: Arrival
+    end: LaneNode
 
 
 class Signal(NamedTuple):
@@ -104,58 +90,60 @@ def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
 
 
 def list_signals(
-    road_map: RoadMap, rules: dict[Cell, str], paths: list[list[Cell]]
-) -> dict[Arrival, list[Signal]]:
-    """Lists the signals at the ends of roads.
+    road_map: RoadMap, rights: dict[Cell, str], roads: list[list[Cell]]
+) -> dict[LaneNode, list[Signal]]:
+    """Lists the signals at the ends of roads, by the nodes where their drivers arrive.
 
     A sign is a signal for the drivers who read it. A light is a signal at all ends of its crossing.
 
-    `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has
-    none there. `paths` are the tiles of all roads, with both ends. A sign of a crossing is at the
+    `rights` is the right of way of each crossing. It has signs or lights at all ends if the map has
+    none there. `roads` are the tiles of all roads, with both ends. A sign of a crossing is at the
     road that leads there with the heading of its reader. Any other sign is at the road beside it; a
     street name is at the road that it faces.
     """
     numbers = count(1)
-    # The tiles of each road in the direction of its traffic, by the end where that traffic arrives.
-    ways: dict[Arrival, list[Cell]] = {}
-    for path in paths:
-        ways[path[0], path[1]] = path[::-1]
-        ways[path[-1], path[-2]] = path
-    # The ends of roads at each tile, by the heading of who arrives there.
-    ends_at: dict[Cell, dict[int, Arrival]] = {}
-    for tile, before in ways:
-        heading = SIDES.index(side_towards(before, tile))
-        ends_at.setdefault(tile, {})[heading] = tile, before
-    signals: dict[Arrival, list[Signal]] = {end: [] for end in ways}
+    # The tiles of each road in the direction of its traffic, by the node where that traffic
+    # arrives.
+    ways: dict[LaneNode, list[Cell]] = {}
+    ends_at: dict[Cell, list[LaneNode]] = {}
+    for road in roads:
+        for way in (road[::-1], road):
+            end = arrival(way)
+            ways[end] = way
+            ends_at.setdefault(end.tile, []).append(end)
+    signals: dict[LaneNode, list[Signal]] = {end: [] for end in ways}
     passages = _passages(ways)
     middles = np.array([passage.middle for passage in passages])
     ruled_by_signs = set()
     for sign in _signs(road_map):
-        crossing = crossing_of(sign, rules)
+        crossing = crossing_of(sign, rights)
         if sign.kind in _RULES:
             ruled_by_signs.add(crossing)
         # One light of the map becomes a signal at each end, for the drivers who arrive there.
         if sign.kind == "trafficlight" and crossing:
-            for heading, end in ends_at[crossing].items():
-                angle = (1 - heading) * pi / 2
+            for end in ends_at[crossing]:
+                angle = (1 - end.heading) * pi / 2
                 signals[end].append(Signal(next(numbers), sign.kind, sign, angle))
             continue
+        at_crossing: LaneNode | None = None
         # A sign of a crossing belongs to the drivers who read it. The crossing may have no road
         # with their heading.
-        end_at_crossing = None
-        if crossing is not None and sign.kind.endswith(_OF_CROSSINGS):
-            end_at_crossing = ends_at[crossing].get(heading_of_reader(sign))
-        end = end_at_crossing or _end_of_road(sign, passages, middles)
+        if crossing and sign.kind.endswith(_OF_CROSSINGS):
+            at_crossing = LaneNode(*crossing, heading_of_reader(sign))
+        if at_crossing in ways:
+            end = at_crossing
+        else:
+            end = _end_of_road(sign, passages, middles)
         signals[end].append(Signal(next(numbers), sign.kind, sign, sign.angle + pi))
     # Crossings whose right of way asks for signs or lights get them if the map has none there.
     for end, signals_there in signals.items():
-        kind = _KINDS.get(rules.get(end[0], ""))
-        if kind and end[0] not in ruled_by_signs:
+        kind = _KINDS.get(rights.get(end.tile, ""))
+        if kind and end.tile not in ruled_by_signs:
             signals_there.append(Signal(next(numbers), kind))
     return signals
 
 
-def _passages(ways: dict[Arrival, list[Cell]]) -> list[_Passage]:
+def _passages(ways: dict[LaneNode, list[Cell]]) -> list[_Passage]:
     """Lists each lane on each tile."""
     passages: list[_Passage] = []
     for end, way in ways.items():
@@ -170,7 +158,7 @@ def _passages(ways: dict[Arrival, list[Cell]]) -> list[_Passage]:
 
 def _end_of_road(
     sign: MapObject, passages: list[_Passage], middles: Complex128[np.ndarray, " P"]
-) -> Arrival:
+) -> LaneNode:
     """Returns the end of the road at which a sign is, in the direction of its reader.
 
     If the sign faces the road, this is the direction that has the sign on its right. Numbers are
@@ -253,36 +241,3 @@ def heading_of_reader(sign: MapObject) -> int:
     # The reader drives against the sign's angle. Headings are clockwise from north, and angles
     # counter-clockwise from east.
     return round(-1 - sign.angle / (pi / 2)) % 4
-
-
-def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: int) -> str:
-    """Returns the element of a signal for the drivers of a lane.
-
-    `s` is the distance of the signal from the start of its road.
-    """
-    if signal.item is None:
-        # A signal without an object of the map gets a size and a height in proportion to the lane.
-        height = width = streets.lane / 4
-        above = 0.7 * streets.lane
-        place = ""
-    else:
-        item = signal.item
-        height = item.height * streets.tile_size / TILE_SIZE
-        width = item.footprint[1] * streets.tile_size / TILE_SIZE
-        above = 0.0
-        x, y = item.x * streets.tile_size, (rows - item.y) * streets.tile_size
-        place = f'<positionInertial x="{x:.9g}" y="{y:.9g}" z="0" hdg="{signal.heading:.9g}"/>'
-    if signal.kind == "trafficlight":
-        # OpenDRIVE itself defines this type, a light with three colours.
-        about = 'country="OpenDRIVE" type="1000001" subtype="-1" dynamic="yes"'
-    else:
-        kind, subtype = _TYPES.get(signal.kind, ("-1", "-1"))
-        about = f'country="DE" type="{kind}" subtype="{subtype}" dynamic="no"'
-    # A signal is read by those who drive along the road, "+", or against it, "-".
-    orientation = "-" if lane > 0 else "+"
-    position = f's="{s:.12g}" t="{1.25 * lane * streets.lane:.9g}"'
-    size = f'zOffset="{above:.9g}" height="{height:.9g}" width="{width:.9g}"'
-    return (
-        f'<signal {position} id="{signal.number}" name="{signal.kind}" orientation="{orientation}" '
-        f'{about} value="-1" {size}><validity fromLane="{lane}" toLane="{lane}"/>{place}</signal>'
-    )

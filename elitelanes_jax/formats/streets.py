@@ -5,8 +5,8 @@ position is the complex number x + y·i. A lane's left bound is the middle of th
 bound is the width of a lane beside it.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Complex128, Float
@@ -15,9 +15,10 @@ from elitelanes_jax._util.checks import one_of, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax.lanes.curves import lane_polyline, middle_of_side
-from elitelanes_jax.lanes.movements import BACK, TURNS, Movement
+from elitelanes_jax.lanes.movements import BACK, Movement
 
-_STRAIGHT = TURNS.index("straight")
+Line: TypeAlias = Complex128[np.ndarray, " P"]
+"""Points in metres, x + y·i."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +60,7 @@ class Streets(Record):
             )
 
 
-def to_metres(
-    points: Float[np.ndarray, "P 2"], streets: Streets, height: int
-) -> Complex128[np.ndarray, " P"]:
+def to_metres(points: Float[np.ndarray, "P 2"], streets: Streets, height: int) -> Line:
     """Converts points in tiles to metres east + north·i of the grid's south-west corner.
 
     Points are tiles east and south of the north-west corner. `height` is the grid's number of rows.
@@ -69,24 +68,7 @@ def to_metres(
     return (points[:, 0] + (height - points[:, 1]) * 1j) * streets.tile_size
 
 
-def giving_way(movements: Iterable[Movement]) -> set[int]:
-    """Returns the headings from which no movement of a crossing goes straight on.
-
-    At a crossing with three arms there is one such heading, and with four arms none.
-    """
-    headings: set[int] = set()
-    with_straight: set[int] = set()
-    for movement in movements:
-        headings.add(movement.heading)
-        if movement.turn == _STRAIGHT:
-            with_straight.add(movement.heading)
-    # Where three roads meet, the one that ends there has no movement straight on.
-    return headings - with_straight
-
-
-def bounds(
-    movement: Movement, streets: Streets, height: int
-) -> tuple[Complex128[np.ndarray, " P"], Complex128[np.ndarray, " P"]]:
+def bounds(movement: Movement, streets: Streets, height: int) -> tuple[Line, Line]:
     """Returns the left and the right bound of a movement's lane in metres.
 
     Both bounds have the same number of points. At a dead end the left bound leads around an island,

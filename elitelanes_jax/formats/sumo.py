@@ -20,12 +20,13 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats._roads import cut_roads
+from elitelanes_jax.formats._scene import make_scene
 from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, to_metres
 from elitelanes_jax.lanes.curves import CHORDS
-from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
-from elitelanes_jax.lanes.movements import LaneNode, no_road_error
+from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
+from elitelanes_jax.lanes.movements import LaneNode
 from elitelanes_jax.network.codes import CONNECTIONS
 
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
@@ -96,12 +97,8 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     Raises:
       InputError: for a bad map, one without any road, a bad name, or bad measures.
     """
-    road_map = as_map(source)
-    rules = rights_of_way(road_map, streets)
-    grid = road_map.codes
-    roads = _roads(grid)
-    if not roads:
-        raise no_road_error()
+    scene = make_scene(source, streets)
+    roads = _roads(scene.road_map.codes)
     # The first tile of each road that leaves a node. A connection leads into one of these roads.
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
@@ -110,9 +107,9 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     edges = []
     connections = []
     for road in roads:
-        line = to_metres(_line(road, exits), streets, len(grid))
+        line = to_metres(_line(road, exits), streets, scene.rows)
         node = road[0]
-        nodes[node] = _node(node, line[0], rules.get(node, "priority"), streets)
+        nodes[node] = _node(node, line[0], scene.rights.get(node, "priority"), streets)
         edges.append(_edge(road, line, streets))
         # Cars turn back only where no other road leaves the node.
         onward = [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
@@ -195,14 +192,8 @@ def _roads(grid: Int8[np.ndarray, "H W"]) -> list[list[Cell]]:
     # A crossing stays a node even if no neighbour returns some of its connections.
     nodes = {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}
     roads = []
-    for tiles in walk_roads(links, nodes):
-        parts = [tiles]
-        # SUMO has no edge from a node to itself, so this road gets a node halfway.
-        if tiles[0] == tiles[-1]:
-            middle = len(tiles) // 2
-            parts = [tiles[: middle + 1], tiles[middle:]]
-        for part in parts:
-            roads += [part, part[::-1]]
+    for road in cut_roads(links, nodes):
+        roads += [road, road[::-1]]
     return sorted(roads)
 
 

@@ -1,4 +1,4 @@
-"""The middles of roads as lines and arcs, exactly where the tiles have them.
+"""Roads from node to node: their tiles, and their middles as lines and arcs.
 
 Positions are as in `lanes`.
 """
@@ -7,13 +7,30 @@ import math
 from itertools import pairwise
 
 from elitelanes_jax.lanes.curves import Curve, middle_of_side, moved
-from elitelanes_jax.lanes.links import Cell, side_towards
-from elitelanes_jax.lanes.movements import Movement, turn_between
+from elitelanes_jax.lanes.links import Cell, side_towards, walk_roads
+from elitelanes_jax.lanes.movements import LaneNode, Movement, turn_between
 from elitelanes_jax.network.codes import SIDES
 
 # Between adjacent crossings, roads lead this far beyond the border, in tiles. It displaces turning
 # lanes by 0.0002 tiles: 6 mm on tiles of 30 m.
 _INSET = 2.0**-11
+
+
+def cut_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cell]]:
+    """Lists the tiles of each road from node to node, as `walk_roads` does.
+
+    A road back to its own start, such as a ring, has a further node halfway.
+    """
+    cuts = set(nodes)
+    for road in walk_roads(links, nodes):
+        if road[0] == road[-1]:
+            cuts |= {road[0], road[len(road) // 2]}
+    return walk_roads(links, cuts)
+
+
+def arrival(road: list[Cell]) -> LaneNode:
+    """Returns the node at the end of a road."""
+    return LaneNode(*road[-1], SIDES.index(side_towards(road[-2], road[-1])))
 
 
 def middle_of_road(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curve]:

@@ -1,0 +1,136 @@
+"""The scene of a map: its lanelets, and its crossings with who goes first there.
+
+All formats of networks write this record. Positions are in metres, as in `streets`.
+"""
+
+from itertools import groupby
+from typing import NamedTuple
+
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.formats.signals import rights_of_way
+from elitelanes_jax.formats.streets import Line, Streets, bounds
+from elitelanes_jax.lanes.links import Cell, linked_tiles
+from elitelanes_jax.lanes.movements import TURNS, LaneNode, Movement, lane_graph
+
+_STRAIGHT = TURNS.index("straight")
+
+# What the drivers of all approaches find, by the right of way.
+_CONTROLS = {
+    "allway_stop": "stop",
+    "traffic_light": "light",
+    "right_before_left": "right_before_left",
+    "priority": "",
+}
+
+
+class Lanelet(NamedTuple):
+    """A lane across a tile, for one movement.
+
+    Attributes:
+      movement: the movement that it leads along.
+      predecessors: the indices of the lanelets that lead into it.
+      successors: the indices of the lanelets that continue it.
+      arms: the number of roads that meet on its tile: 1 at a dead end, over 2 at a crossing.
+    """
+
+    movement: Movement
+    predecessors: list[int]
+    successors: list[int]
+    arms: int
+
+
+class Approach(NamedTuple):
+    """A way into a crossing.
+
+    Attributes:
+      node: the tile of the crossing, and the heading of the drivers who arrive.
+      lanelets: the indices of the lanelets that start here, one for each turn.
+      control: what the drivers find: "stop", "light", "right_before_left", "yield", "go_first"; ""
+        where all approaches have priority.
+    """
+
+    node: LaneNode
+    lanelets: list[int]
+    control: str
+
+
+class Scene(NamedTuple):
+    """The road network of a map.
+
+    Attributes:
+      road_map: the map, with its signs and lights.
+      streets: the measures of all roads.
+      links: the linked neighbours of each tile.
+      lanelets: one for each movement, in ascending order of row, column, heading and turn. Cars
+        turn back at dead ends.
+      rights: the right of way of each crossing, by its tile.
+      crossings: the approaches of each crossing, by its tile, in ascending order of their headings.
+    """
+
+    road_map: RoadMap
+    streets: Streets
+    links: dict[Cell, list[Cell]]
+    lanelets: list[Lanelet]
+    rights: dict[Cell, str]
+    crossings: dict[Cell, list[Approach]]
+
+    @property
+    def rows(self) -> int:
+        """The number of rows of the grid."""
+        return len(self.road_map.codes)
+
+    def bounds(self, lanelet: Lanelet) -> tuple[Line, Line]:
+        """Returns the left and the right bound of a lanelet, with as many points."""
+        return bounds(lanelet.movement, self.streets, self.rows)
+
+
+def make_scene(source: UserValue, streets: Streets) -> Scene:
+    """Makes the scene of a map.
+
+    Args:
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
+        returns, or that leave the grid, are no roads.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no
+        other right of way.
+
+    Raises:
+      InputError: for a bad map, one without any road, or bad measures.
+    """
+    road_map = as_map(source)
+    rights = rights_of_way(road_map, streets)
+    graph = lane_graph(road_map.codes, turn_back=True)
+    links = linked_tiles(road_map.codes)
+    lanelets: list[Lanelet] = []
+    for movement, before, after in zip(
+        graph.list_movements(), graph.list_predecessors(), graph.list_successors(), strict=True
+    ):
+        lanelets.append(Lanelet(movement, before, after, len(links[movement.node.tile])))
+    crossings: dict[Cell, list[Approach]] = {tile: [] for tile in rights}
+    # Lanelets are in the order of their nodes, so `groupby` collects those of each node.
+    for node, starting in groupby(
+        range(len(lanelets)), lambda index: lanelets[index].movement.node
+    ):
+        if node.tile in crossings:
+            crossings[node.tile].append(Approach(node, list(starting), ""))
+    for tile, right_of_way in rights.items():
+        crossings[tile] = _controlled(crossings[tile], right_of_way, lanelets)
+    return Scene(road_map, streets, links, lanelets, rights, crossings)
+
+
+def _controlled(
+    approaches: list[Approach], right_of_way: str, lanelets: list[Lanelet]
+) -> list[Approach]:
+    """Returns the approaches of a crossing with what their drivers find."""
+    controls = [_CONTROLS[right_of_way]] * len(approaches)
+    # Where three roads meet, the one that ends there has no turn straight on, and gives way. Where
+    # four roads meet, no road gives way.
+    if right_of_way == "priority" and len(approaches) == 3:
+        controls = []
+        for approach in approaches:
+            turns = [lanelets[index].movement.turn for index in approach.lanelets]
+            controls.append("go_first" if _STRAIGHT in turns else "yield")
+    return [
+        approach._replace(control=control)
+        for approach, control in zip(approaches, controls, strict=True)
+    ]
