@@ -11,10 +11,6 @@ from elitelanes_jax.lanes.links import Cell, side_towards, walk_roads
 from elitelanes_jax.lanes.movements import LaneNode, Movement, turn_between
 from elitelanes_jax.network.codes import SIDES
 
-# Between adjacent crossings, roads lead this far beyond the border, in tiles. It displaces turning
-# lanes by 0.0002 tiles: 6 mm on tiles of 30 m.
-_INSET = 2.0**-11
-
 
 def cut_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cell]]:
     """Lists the tiles of each road from node to node, as `walk_roads` does.
@@ -33,14 +29,14 @@ def arrival(road: list[Cell]) -> LaneNode:
     return LaneNode(*road[-1], SIDES.index(side_towards(road[-2], road[-1])))
 
 
-def middle_of_road(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curve]:
+def middle_of_road(path: list[Cell], links: dict[Cell, list[Cell]], inset: float) -> list[Curve]:
     """Returns the middle of a road, across all tiles of a path but the first and the last.
 
-    It also leads to the middle of a dead end at an end of the path, and between adjacent crossings
-    into both.
+    It also leads to the middle of a dead end at an end of the path. Between adjacent crossings it
+    leads `inset` tiles into both.
     """
     headings = [SIDES.index(side_towards(tile, next_tile)) for tile, next_tile in pairwise(path)]
-    first_lead, last_lead = _leads(path, links)
+    first_lead, last_lead = _leads(path, links, inset)
     first_border = middle_of_side(path[0], headings[0])
     # The road starts inside its first tile if it leads there.
     x, y = moved(first_border, headings[0], -first_lead)
@@ -55,14 +51,14 @@ def middle_of_road(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curv
     return _joined_lines(pieces)
 
 
-def _leads(path: list[Cell], links: dict[Cell, list[Cell]]) -> tuple[float, float]:
+def _leads(path: list[Cell], links: dict[Cell, list[Cell]], inset: float) -> tuple[float, float]:
     """Returns how far a road leads into its first and its last tile."""
     # A tile with one link is a dead end, which the road reaches at the middle of the tile.
     first = 0.5 if len(links[path[0]]) == 1 else 0.0
     last = 0.5 if len(links[path[-1]]) == 1 else 0.0
     # Between adjacent crossings is no tile, so without a lead the road would have no length.
     are_adjacent_crossings = len(path) == 2 and first == last == 0
-    return (_INSET, _INSET) if are_adjacent_crossings else (first, last)
+    return (inset, inset) if are_adjacent_crossings else (first, last)
 
 
 def _joined_lines(pieces: list[Curve]) -> list[Curve]:
@@ -79,17 +75,13 @@ def _joined_lines(pieces: list[Curve]) -> list[Curve]:
     return joined
 
 
-def middle_across_tile(
-    movement: Movement, from_crossing: bool = False, to_crossing: bool = False
-) -> list[Curve]:
+def middle_across_tile(movement: Movement, inset: float = 0.0, outset: float = 0.0) -> list[Curve]:
     """Returns the road's middle across the tile of a movement.
 
-    It starts and ends at the borders, or `_INSET` inside them next to another crossing. The turn is
-    not `BACK`.
+    It starts and ends at the borders, or `inset` and `outset` tiles inside them. The turn is not
+    `BACK`.
     """
     tile, heading, exit_heading = movement.node.tile, movement.heading, movement.exit
-    inset = _INSET if from_crossing else 0.0
-    outset = _INSET if to_crossing else 0.0
     entry = middle_of_side(tile, (heading + 2) % 4)
     exit_point = middle_of_side(tile, exit_heading)
     start_x, start_y = moved(entry, heading, inset)
@@ -109,3 +101,25 @@ def middle_across_tile(
         Curve(end_x, end_y, exit_heading, deepest - outset),
     ]
     return [piece for piece in pieces if piece.length > 0]
+
+
+def foot_on(curve: Curve, x: float, y: float) -> tuple[float, float] | None:
+    """Returns where a point is beside a curve: the length along it, and the distance to the left.
+
+    Returns None for a point that is beside none of it.
+    """
+    ahead = SIDES[curve.heading]
+    east, south = x - curve.x, y - curve.y
+    along = east * ahead.right + south * ahead.down
+    left = east * ahead.down - south * ahead.right
+    if curve.curvature:
+        # The middle of the circle is at this distance to the left of the start.
+        radius = 1 / curve.curvature
+        bend = math.copysign(1, radius)
+        along, left = (
+            abs(radius) * math.atan2(along, bend * (radius - left)),
+            radius - bend * math.hypot(along, radius - left),
+        )
+    # A foot at an end of the curve may be beyond it by the rounding.
+    is_beside = -1e-9 <= along <= curve.length + 1e-9
+    return (min(max(along, 0.0), curve.length), left) if is_beside else None

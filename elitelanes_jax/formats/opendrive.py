@@ -5,19 +5,29 @@ along the middle of straights and turns, with a lane on each side. A crossing is
 as its tile, with a connecting road for each movement. Cars turn back at dead ends, in junctions
 with one connecting road. A road back to its own crossing has a junction halfway, a ring has two.
 
-OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of 1/1024
-tile.
+OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of 0.1 m, or
+of 1/64 tile on tiles of less than 6.4 m.
 """
 
 import math
-from itertools import count
+from collections.abc import Iterable
+from itertools import chain, count, product
 from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
 
+from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats._roads import arrival, cut_roads, middle_across_tile, middle_of_road
+from elitelanes_jax.formats._roads import (
+    arrival,
+    cut_roads,
+    foot_on,
+    middle_across_tile,
+    middle_of_road,
+)
 from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.signals import Signal, list_signals
+from elitelanes_jax.formats.objects import MapObject, base_kind
+from elitelanes_jax.formats.signals import Signal, is_signal, list_signals
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import Curve, lane_curves
 from elitelanes_jax.lanes.links import Cell, side_towards
@@ -26,6 +36,14 @@ from elitelanes_jax.lanes.movements import BACK, LaneNode
 # The south-west corner of the grid is on the equator, on the central meridian of UTM's zone 32.
 _GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 
+
+# Between adjacent crossings, roads lead this far beyond the border, in metres, or in tiles if that
+# is less. Readers join points that are up to 0.05 m apart. It displaces turning lanes by 0.02 m.
+_INSET, _MOST_INSET = 0.05, 1 / 128
+
+# A lane around a dead end is narrower in its middle, so that its inner edge is no point: in parts
+# of its width.
+_ISLAND = 1 / 20
 
 # The types of signs in the German road traffic regulations (StVO), and their subtypes.
 _TYPES = {
@@ -38,6 +56,20 @@ _TYPES = {
     "sign_pedestrian": ("350", "-1"),
     "sign_parking": ("314", "-1"),
 }
+
+
+# The types of objects by the first kinds that have them. Other objects are obstacles.
+_OBJECTS = {"tree": "tree", "house": "building", "building": "building", "barrier": "barrier"}
+
+
+# A signal is beside its lane, at this distance from the middle of the road in widths of the lane.
+_ASIDE = 1.25
+
+# The kinds of signals that make drivers stop or give way where they enter a crossing.
+_STOPPING = ("sign_stop", "sign_yield", "trafficlight")
+
+# The length of a stop line along the road, in widths of the lane.
+_STOP_LINE = 0.1
 
 
 class _End(NamedTuple):
@@ -58,14 +90,54 @@ class _End(NamedTuple):
         return 1 if self.starts else -1
 
 
-def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
+class _Road(NamedTuple):
+    """A road, which has no objects yet.
+
+    Attributes:
+      attributes: its name, its number and its junction.
+      link: the elements of the link to what is before and after it.
+      curves: the lines and arcs of its reference line.
+      tiles: the tiles that it passes.
+      lanes: the elements of its lanes.
+      signals: the elements of its signals.
+    """
+
+    attributes: str
+    link: str
+    curves: list[Curve]
+    tiles: list[Cell]
+    lanes: str
+    signals: str
+
+
+class _Place(NamedTuple):
+    """Where an object is beside a road. Lengths are in tiles.
+
+    Attributes:
+      distance: the distance from the reference line, by which places are compared.
+      road: the index of the road.
+      along: the length of the road before the object.
+      left: the distance to the left of the reference line.
+      angle: the direction of the object relative to that of the road, in radians.
+    """
+
+    distance: float
+    road: int
+    along: float
+    left: float
+    angle: float
+
+
+def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str = "map") -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
     Args:
-      source: a `RoadMap`, whose signs and lights are written too, a grid ``[H, W]`` of codes, or a
-        file. Connections that no neighbour returns, or that leave the grid, are no roads.
+      source: a `RoadMap`, whose signs, lights and objects are written too, a grid ``[H, W]`` of
+        codes, or a file. Connections that no neighbour returns, or that leave the grid, are no
+        roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
+      name: the name of the map, in the header.
 
     Returns:
       A text; the same map gives the same text. x is east and y north of the grid's south-west
@@ -74,59 +146,77 @@ def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
       such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad map, one without any road, or bad measures.
+      InputError: for a bad map, one without any road, bad measures, or a bad name.
     """
     scene = make_scene(source, streets)
+    title = check_named("name", xml_name, name)
     # Tiles with two links are inside roads. Crossings and dead ends are nodes.
     nodes = {tile for tile, neighbours in scene.links.items() if len(neighbours) != 2}
     paths = cut_roads(scene.links, nodes)
-    # A tile without links has no road, and so no junction.
-    ends_of_paths = {tile for path in paths for tile in (path[0], path[-1])}
-    numbers = {tile: index for index, tile in enumerate(sorted(nodes | ends_of_paths), 1)}
-    junctions = {tile: numbers[tile] for tile in sorted(ends_of_paths)}
-    signals = list_signals(scene.road_map, scene.rights, paths)
+    tiles = sorted({tile for path in paths for tile in (path[0], path[-1])})
+    junctions = {tile: number for number, tile in enumerate(tiles, 1)}
     # CARLA takes a number for a road if there is one with it, so roads are numbered after
     # junctions.
-    number = count(max(junctions.values()) + 1).__next__
-    roads: list[str] = []
+    first = len(junctions) + 1
+    signals = list_signals(scene.road_map, scene.rights, paths)
+    roads = [
+        _road(path, number, junctions, signals, scene) for number, path in enumerate(paths, first)
+    ]
     # The end of a road at each node where drivers arrive.
     ends: dict[LaneNode, _End] = {}
-    for path in paths:
-        road = number()
-        ends[arrival(path[::-1])] = _End(road, starts=True)
-        ends[arrival(path)] = _End(road, starts=False)
-        roads.append(_road(path, road, junctions, signals, scene))
+    for number, path in enumerate(paths, first):
+        ends[arrival(path[::-1])] = _End(number, starts=True)
+        ends[arrival(path)] = _End(number, starts=False)
     contents: dict[Cell, list[str]] = {tile: [] for tile in junctions}
-    for lanelet in scene.lanelets:
-        movement = lanelet.movement
-        tile = movement.node.tile
+    # The number of the connecting road of each lanelet that has one.
+    connecting: dict[int, int] = {}
+    for index, lanelet in enumerate(scene.lanelets):
+        node = lanelet.movement.node
         # Movements on other tiles are part of the roads between junctions.
-        if tile in junctions:
+        if node.tile in junctions:
             # The road that a movement leads to ends where its oncoming drivers arrive.
-            start, end = ends[movement.node], ends[LaneNode(*tile, (movement.exit + 2) % 4)]
-            road = number()
-            roads.append(_connecting_road(lanelet, road, junctions[tile], start, end, scene))
-            contents[tile].append(
-                f'<connection id="{len(contents[tile])}" incomingRoad="{start.road}" '
-                f'connectingRoad="{road}" contactPoint="start">'
+            leaving = LaneNode(*node.tile, (lanelet.movement.exit + 2) % 4)
+            start, end = ends[node], ends[leaving]
+            number = connecting[index] = first + len(roads)
+            junction = junctions[node.tile]
+            roads.append(_connecting_road(lanelet, number, junction, start, end, signals, scene))
+            contents[node.tile].append(
+                f'<connection id="{len(contents[node.tile])}" incomingRoad="{start.road}" '
+                f'connectingRoad="{number}" contactPoint="start">'
                 f'<laneLink from="{start.lane_in}" to="-1"/></connection>'
             )
     controllers: list[str] = []
     for tile, approaches in scene.crossings.items():
-        contents[tile] += _rights(approaches, controllers, signals, ends)
-    file = ['<?xml version="1.0" encoding="UTF-8"?>', "<OpenDRIVE>", _header(scene)]
-    file += roads + controllers
+        contents[tile] += _rights(approaches, controllers, signals, connecting)
+    objects = _objects(roads, scene)
+    for approach in chain.from_iterable(scene.crossings.values()):
+        if approach.control in ("stop", "light"):
+            end = ends[approach.node]
+            stop_line = _stop_line(roads[end.road - first], end, scene)
+            objects.setdefault(end.road - first, []).append(stop_line)
+    file = ['<?xml version="1.0" encoding="UTF-8"?>', "<OpenDRIVE>", _header(title, scene)]
+    numbers = count(1)
+    for index, road in enumerate(roads):
+        elements = [f'<object id="{next(numbers)}" {content}' for content in objects.get(index, ())]
+        file.append(_element(road, "".join(elements), scene))
+    file += controllers
     for (row, column), junction in junctions.items():
         content = "".join(contents[row, column])
         file.append(f'<junction id="{junction}" name="{row}_{column}">{content}</junction>')
     return "\n".join([*file, "</OpenDRIVE>\n"])
 
 
-def _header(scene: Scene) -> str:
+def _header(name: str, scene: Scene) -> str:
     north, east = (length * scene.streets.tile_size for length in scene.road_map.codes.shape)
     extent = f'north="{north:.9g}" south="0" east="{east:.9g}" west="0"'
-    reference = f"<geoReference>{_GEO_REFERENCE}</geoReference>"
-    return f'<header revMajor="1" revMinor="7" name="" version="1" {extent}>{reference}</header>'
+    reference = f"<geoReference><![CDATA[{_GEO_REFERENCE}]]></geoReference>"
+    about = f'revMajor="1" revMinor="7" name={quoteattr(name)} version="1"'
+    return f"<header {about} {extent}>{reference}</header>"
+
+
+def _inset(scene: Scene) -> float:
+    """Returns how far roads between adjacent crossings lead beyond the border, in tiles."""
+    return min(_INSET / scene.streets.tile_size, _MOST_INSET)
 
 
 def _road(
@@ -135,84 +225,116 @@ def _road(
     junctions: dict[Cell, int],
     signals: dict[LaneNode, list[Signal]],
     scene: Scene,
-) -> str:
-    """Returns the element of a road between junctions, with its signals and a lane on each side."""
-    streets = scene.streets
-    plan, length = _plan_view(middle_of_road(path, scene.links), scene)
+) -> _Road:
+    """Returns a road between junctions, with its signals and a lane on each side."""
+    curves = middle_of_road(path, scene.links, _inset(scene))
     # Who arrives at the first tile drives against the direction of the road, on lane 1.
     signs = [_signal(signal, 0, 1, scene) for signal in signals[arrival(path[::-1])]]
+    length = _length(curves, scene)
     signs += [_signal(signal, length, -1, scene) for signal in signals[arrival(path)]]
+    width = _width(scene.streets.lane)
     lanes = (
-        f"<left>{_lane(1, 'solid', streets)}</left>"
-        f"<center>{_lane(0, 'broken', streets)}</center>"
-        f"<right>{_lane(-1, 'solid', streets)}</right>"
+        f'{_shift()}<laneSection s="0"><left>{_lane(1, "solid", scene, width)}</left>'
+        f"<center>{_lane(0, 'broken', scene)}</center>"
+        f"<right>{_lane(-1, 'solid', scene, width)}</right></laneSection>"
     )
     row, column = path[0]
-    return _element(
-        f'name="{row}_{column}_{side_towards(path[0], path[1]).name}" id="{number}" junction="-1"',
-        f'<predecessor elementType="junction" elementId="{junctions[path[0]]}"/>'
-        f'<successor elementType="junction" elementId="{junctions[path[-1]]}"/>',
-        length,
-        plan,
-        f'<lanes><laneSection s="0">{lanes}</laneSection></lanes>'
-        f"<signals>{''.join(signs)}</signals>",
-        streets,
+    side = side_towards(path[0], path[1]).name
+    first, last = junctions[path[0]], junctions[path[-1]]
+    return _Road(
+        f'name="{row}_{column}_{side}" id="{number}" junction="-1"',
+        f'<predecessor elementType="junction" elementId="{first}"/>'
+        f'<successor elementType="junction" elementId="{last}"/>',
+        curves,
+        path,
+        lanes,
+        "".join(signs),
     )
 
 
 def _connecting_road(
-    lanelet: Lanelet, number: int, junction: int, start: _End, end: _End, scene: Scene
-) -> str:
-    """Returns the element of a road across a junction, with the right lane alone and no marks."""
-    streets, movement = scene.streets, lanelet.movement
-    pieces = _connecting_pieces(lanelet, scene)
-    plan, length = _plan_view(pieces, scene)
-    link = f'<link><predecessor id="{start.lane_in}"/><successor id="{-end.lane_in}"/></link>'
-    lanes = (
-        f"<center>{_lane(0, 'none', streets)}</center>"
-        f"<right>{_lane(-1, 'none', streets, link)}</right>"
-    )
-    offset = ""
-    if movement.turn == BACK:
-        # The reference line is the half circle along the centre of the lane, not the middle of the
-        # road.
-        offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>'
-    return _element(
-        f'name="{movement.name}" id="{number}" junction="{junction}"',
-        f"<predecessor {start.link}/><successor {end.link}/>",
-        length,
-        plan,
-        f'<lanes>{offset}<laneSection s="0">{lanes}</laneSection></lanes>',
-        streets,
-    )
-
-
-def _connecting_pieces(lanelet: Lanelet, scene: Scene) -> list[Curve]:
-    """Returns the line or arc across a junction.
+    lanelet: Lanelet,
+    number: int,
+    junction: int,
+    start: _End,
+    end: _End,
+    signals: dict[LaneNode, list[Signal]],
+    scene: Scene,
+) -> _Road:
+    """Returns a road across a junction, with the right lane alone and no marks.
 
     It leads from the end of one road to the start of another.
     """
-    movement = lanelet.movement
+    streets, movement = scene.streets, lanelet.movement
     if movement.turn == BACK:
         # The roads already lead to the middle of the tile, so the lines on both sides are left out.
-        return lane_curves(movement, scene.streets.lane / scene.streets.tile_size / 2)[1:2]
-    # Only roads between adjacent crossings lead beyond the border. This tile is then a crossing,
-    # because a junction inside a road is next to no crossing.
-    return middle_across_tile(
-        movement,
-        from_crossing=movement.node.tile_before in scene.crossings,
-        to_crossing=movement.next_node.tile in scene.crossings,
+        # The reference line is the half circle along the centre of the lane, not the middle of the
+        # road.
+        curves = lane_curves(movement, streets.lane / streets.tile_size / 2)[1:2]
+        island, half = _ISLAND * streets.lane, _length(curves, scene) / 2
+        shift = _shift(streets.lane / 2, island, half)
+        width = _width(streets.lane, island, half)
+    else:
+        # Only roads between adjacent crossings lead beyond the border. This tile is then a
+        # crossing, because a junction inside a road is next to no crossing.
+        inset = _inset(scene) * (movement.node.tile_before in scene.crossings)
+        outset = _inset(scene) * (movement.next_node.tile in scene.crossings)
+        curves = middle_across_tile(movement, inset, outset)
+        shift, width = _shift(), _width(streets.lane)
+    link = f'<link><predecessor id="{start.lane_in}"/><successor id="{-end.lane_in}"/></link>'
+    lanes = (
+        f'{shift}<laneSection s="0"><center>{_lane(0, "none", scene)}</center>'
+        f"<right>{_lane(-1, 'none', scene, width, link)}</right></laneSection>"
     )
+    references = "".join(
+        f'<signalReference s="0" t="{-_ASIDE * streets.lane:.9g}" id="{signal.number}" '
+        'orientation="+"><validity fromLane="-1" toLane="-1"/></signalReference>'
+        for signal in signals[movement.node]
+        if signal.kind in _STOPPING
+    )
+    return _Road(
+        f'name="{movement.name}" id="{number}" junction="{junction}"',
+        f"<predecessor {start.link}/><successor {end.link}/>",
+        curves,
+        [movement.node.tile],
+        lanes,
+        references,
+    )
+
+
+def _shift(offset: float = 0.0, island: float = 0.0, half: float = 0.0) -> str:
+    """Returns how far the lanes are to the left of the reference line; see `_cubics`."""
+    return "".join(f'<laneOffset s="{poly}/>' for poly in _cubics(offset, island, half))
+
+
+def _width(lane: float, island: float = 0.0, half: float = 0.0) -> str:
+    """Returns the width of a lane; see `_cubics`."""
+    return "".join(f'<width sOffset="{poly}/>' for poly in _cubics(lane, island, half))
+
+
+def _cubics(value: float, island: float, half: float) -> list[str]:
+    """Returns a value along a road, as cubics in the length.
+
+    The value is less by `island` after the length `half`, and again `value` after twice that length.
+    """
+    if not island:
+        return [f'0" a="{value:.9g}" b="0" c="0" d="0"']
+    c, d = 3 * island / half**2, 2 * island / half**3
+    return [
+        f'0" a="{value:.9g}" b="0" c="{-c:.9g}" d="{d:.9g}"',
+        f'{half:.12g}" a="{value - island:.9g}" b="0" c="{c:.9g}" d="{-d:.9g}"',
+    ]
 
 
 def _rights(
     approaches: list[Approach],
     controllers: list[str],
     signals: dict[LaneNode, list[Signal]],
-    ends: dict[LaneNode, _End],
+    connecting: dict[int, int],
 ) -> list[str]:
     """Returns the elements of a junction that say who goes first, and adds controllers of lights.
 
+    `connecting` are the numbers of connecting roads by the indices of their lanelets.
     Each axis has a controller, which the sequence orders: west to east, then north to south.
     """
     rights: list[str] = []
@@ -228,10 +350,10 @@ def _rights(
             place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
             controllers.append(f"<controller {place}>{controls}</controller>")
             rights.append(f'<controller {place} type="0"/>')
-    for low in approaches:
-        for high in approaches[::-1]:
-            if (low.control, high.control) == ("yield", "go_first"):
-                roads = f'high="{ends[high.node].road}" low="{ends[low.node].road}"'
+    for low, high in product(approaches, approaches[::-1]):
+        if (low.control, high.control) == ("yield", "go_first"):
+            for low_lane, high_lane in product(low.lanelets, high.lanelets):
+                roads = f'high="{connecting[high_lane]}" low="{connecting[low_lane]}"'
                 rights.append(f"<priority {roads}/>")
     return rights
 
@@ -262,49 +384,136 @@ def _signal(signal: Signal, s: float, lane: int, scene: Scene) -> str:
         about = f'country="DE" type="{kind}" subtype="{subtype}" dynamic="no"'
     # A signal is read by those who drive along the road, "+", or against it, "-".
     orientation = "-" if lane > 0 else "+"
-    position = f's="{s:.12g}" t="{1.25 * lane * streets.lane:.9g}"'
+    position = f's="{s:.12g}" t="{_ASIDE * lane * streets.lane:.9g}"'
     size = f'zOffset="{above:.9g}" height="{height:.9g}" width="{width:.9g}"'
     return (
         f'<signal {position} id="{signal.number}" name="{signal.kind}" orientation="{orientation}" '
-        f'{about} value="-1" {size}><validity fromLane="{lane}" toLane="{lane}"/>{place}</signal>'
+        f'{about} {size}><validity fromLane="{lane}" toLane="{lane}"/>{place}</signal>'
     )
 
 
-def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
+def _objects(roads: list[_Road], scene: Scene) -> dict[int, list[str]]:
+    """Returns the objects of the map, without signs, lights and tags, by the index of their road."""
+    # The roads at each tile.
+    passing: dict[Cell, list[int]] = {}
+    for index, road in enumerate(roads):
+        for tile in road.tiles:
+            passing.setdefault(tile, []).append(index)
+    objects: dict[int, list[str]] = {}
+    for item in scene.road_map.objects or ():
+        if item.height and not is_signal(item):
+            row, column = math.floor(item.y), math.floor(item.x)
+            cells = product(range(row - 1, row + 2), range(column - 1, column + 2))
+            near = sorted({index for cell in cells for index in passing.get(cell, ())})
+            # Far objects, and few others, are beside none of the roads near them.
+            places = _places(item, roads, near) or _places(item, roads, range(len(roads)))
+            if places:
+                place = min(places)
+                objects.setdefault(place.road, []).append(_object_beside(item, place, scene))
+    return objects
+
+
+def _places(item: MapObject, roads: list[_Road], indices: Iterable[int]) -> list[_Place]:
+    """Lists where an object is beside the curves of some roads."""
+    places: list[_Place] = []
+    for index in indices:
+        before = 0.0
+        for curve in roads[index].curves:
+            foot = foot_on(curve, item.x, item.y)
+            if foot is not None:
+                along, left = foot
+                angle = (1 - curve.heading) * math.pi / 2 + along * curve.curvature
+                turned = item.angle - angle
+                places.append(_Place(abs(left), index, before + along, left, turned))
+            before += curve.length
+    return places
+
+
+def _object_beside(item: MapObject, place: _Place, scene: Scene) -> str:
+    """Returns the element of an object after its number."""
+    size = scene.streets.tile_size
+    length, width, height = (side * size / TILE_SIZE for side in (*item.footprint, item.height))
+    outline = ""
+    sides = f'radius="{length / 2:.6g}"'
+    if not item.is_round:
+        sides = f'length="{length:.6g}" width="{width:.6g}"'
+        corners = ""
+        # The corners are counter-clockwise.
+        for index, (u, v) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
+            corner = f'id="{index}" u="{u * length / 2:.6g}" v="{v * width / 2:.6g}" z="0"'
+            corners += f'<cornerLocal {corner} height="{height:.6g}"/>'
+        outline = f'<outlines><outline id="0" outer="true">{corners}</outline></outlines>'
+    kind = _OBJECTS.get(base_kind(item.kind), "obstacle")
+    return _object(
+        f'name="{item.kind}" type="{kind}" {sides} height="{height:.6g}"',
+        place.along * size,
+        place.left * size,
+        place.angle,
+        outline,
+    )
+
+
+def _stop_line(road: _Road, end: _End, scene: Scene) -> str:
+    """Returns the stop line at an end of a road, on the lane that leads there."""
+    length, lane = _length(road.curves, scene), scene.streets.lane
+    depth = min(_STOP_LINE * lane, length)
+    s = depth / 2 if end.starts else length - depth / 2
+    return _object(
+        f'name="stop_line" type="roadMark" subtype="signalLines" '
+        f'length="{depth:.6g}" width="{lane:.6g}" height="0"',
+        s,
+        end.lane_in * lane / 2,
+        0.0,
+        f'<validity fromLane="{end.lane_in}" toLane="{end.lane_in}"/>',
+    )
+
+
+def _object(attributes: str, s: float, t: float, heading: float, content: str) -> str:
+    """Returns the element of an object after its number."""
+    place = f's="{s:.9g}" t="{t:.9g}" zOffset="0" hdg="{heading:.9g}" pitch="0" roll="0"'
+    return f'{attributes} {place} orientation="none">{content}</object>'
+
+
+def _lane(number: int, mark: str, scene: Scene, width: str = "", link: str = "") -> str:
     """Returns the element of a lane; lane 0 is the line between the directions and has no width."""
     # These are the values of lane 0.
-    kind, color, width = "none", "yellow", ""
+    kind, color, speed = "none", "yellow", ""
     if number != 0:
         kind, color = "driving", "standard"
-        width = f'<width sOffset="0" a="{streets.lane:.9g}" b="0" c="0" d="0"/>'
-    road_mark = f'<roadMark sOffset="0" type="{mark}" weight="standard" color="{color}"/>'
-    return f'<lane id="{number}" type="{kind}" level="false">{link}{width}{road_mark}</lane>'
-
-
-def _element(
-    attributes: str, link: str, length: float, plan: str, content: str, streets: Streets
-) -> str:
-    """Returns the element of a road; lengths are in metres."""
-    speed = f'<speed max="{streets.speed:.9g}" unit="m/s"/>'
-    return (
-        f'<road {attributes} length="{length:.12g}"><link>{link}</link>'
-        f'<type s="0" type="town">{speed}</type>'
-        f"<planView>{plan}</planView>{content}</road>"
+        speed = f'<speed sOffset="0" max="{scene.streets.speed:.9g}" unit="m/s"/>'
+    road_mark = (
+        f'<roadMark sOffset="0" type="{mark}" weight="standard" color="{color}" laneChange="none"/>'
     )
+    return f'<lane id="{number}" type="{kind}" level="false">{link}{width}{road_mark}{speed}</lane>'
 
 
-def _plan_view(pieces: list[Curve], scene: Scene) -> tuple[str, float]:
-    """Returns the elements of lines and arcs, and their length in metres."""
+def _element(road: _Road, objects: str, scene: Scene) -> str:
+    """Returns the element of a road. Lengths are in metres."""
     tile_size = scene.streets.tile_size
-    geometries = ""
+    plan = ""
     s = 0.0
-    for east, south, heading, length, curvature in pieces:
+    for east, south, heading, length, curvature in road.curves:
         x, y = east * tile_size, (scene.rows - south) * tile_size
         # Headings are clockwise from north, and angles counter-clockwise from east.
         angle = (1 - heading) * math.pi / 2
         metres = length * tile_size
         place = f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.12g}"'
         shape = f'<arc curvature="{curvature / tile_size:.12g}"/>' if curvature else "<line/>"
-        geometries += f"<geometry {place}>{shape}</geometry>"
+        plan += f"<geometry {place}>{shape}</geometry>"
         s += metres
-    return geometries, s
+    return (
+        f'<road {road.attributes} length="{s:.12g}" rule="RHT"><link>{road.link}</link>'
+        f'<type s="0" type="town"><speed max="{scene.streets.speed:.9g}" unit="m/s"/></type>'
+        f"<planView>{plan}</planView>"
+        '<elevationProfile><elevation s="0" a="0" b="0" c="0" d="0"/></elevationProfile>'
+        f"<lanes>{road.lanes}</lanes><objects>{objects}</objects>"
+        f"<signals>{road.signals}</signals></road>"
+    )
+
+
+def _length(curves: list[Curve], scene: Scene) -> float:
+    """Returns the length of a road in metres, with the rounding of its element."""
+    length = 0.0
+    for curve in curves:
+        length += curve.length * scene.streets.tile_size
+    return length

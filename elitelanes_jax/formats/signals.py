@@ -197,13 +197,14 @@ def _end_of_road(
     return passages[min(nearest, key=preference)].end
 
 
+def is_signal(item: MapObject) -> bool:
+    """Returns whether an object is a sign or a light."""
+    return item.kind.startswith("sign_") or item.kind == "trafficlight"
+
+
 def _signs(road_map: RoadMap) -> list[MapObject]:
     """Returns the signs and lights of a map."""
-    signs = []
-    for item in road_map.objects or ():
-        if item.kind.startswith("sign_") or item.kind == "trafficlight":
-            signs.append(item)
-    return signs
+    return [item for item in road_map.objects or () if is_signal(item)]
 
 
 def crossing_of(sign: MapObject, crossings: Collection[Cell]) -> Cell | None:

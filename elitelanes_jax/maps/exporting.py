@@ -139,7 +139,7 @@ def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Iterable[str]:
 def _opendrive(road_map: RoadMap, name: str, **measures: UserValue) -> str:
     from elitelanes_jax.formats.opendrive import to_opendrive
 
-    return to_opendrive(road_map, Streets(**measures))
+    return to_opendrive(road_map, Streets(**measures), name=name)
 
 
 def _lanelet2(road_map: RoadMap, name: str, **measures: UserValue) -> str:

@@ -135,22 +135,21 @@ def controls_of_opendrive(text, grid):
     lights = [one.get("id") for one in root.iter("signal") if one.get("name") == "trafficlight"]
     assert sorted(one.get("signalId") for one in root.iter("control")) == sorted(lights)
     junctions = {one.get("id"): tuple(map(int, one.get("name").split("_"))) for one in root.iter("junction")}
-    roads = {road.get("id"): road for road in root.iter("road")}
+    # Priorities name connecting roads, which are named by their tile, the side of entry and the turn.
+    headings = {}
+    for road in root.iter("road"):
+        if road.get("junction") != "-1":
+            headings[road.get("id")] = road.get("junction"), (SIDES.index(road.get("name").split("_")[2]) + 2) % 4
     for junction in root.iter("junction"):
-        pairs = set()
-        for priority in junction.iter("priority"):
-            pair = []
-            for road in (roads[priority.get("high")], roads[priority.get("low")]):
-                both = [approach_of(road, junctions, at_end) for at_end in (False, True)]
-                (here,) = [one for one in both if one[:2] == junctions[junction.get("id")]]
-                pair.append(here[2])
-            pairs.add(tuple(pair))
+        pairs = {(one.get("high"), one.get("low")) for one in junction.iter("priority")}
         if pairs:
             tile = junctions[junction.get("id")]
-            arms = {approach[2] for approach in approaches(grid) if approach[:2] == tile}
-            low = {pair[1] for pair in pairs}
-            assert pairs == {(high, one) for high in arms - low for one in low}
-            controls[tile] = Control("priority", frozenset(low))
+            ways = [road for road, (number, _) in headings.items() if number == junction.get("id")]
+            low = {road for _, road in pairs}
+            assert pairs == {(high, one) for high in ways if high not in low for one in low}
+            yielding = frozenset(headings[road][1] for road in low)
+            assert low == {road for road in ways if headings[road][1] in yielding}
+            controls[tile] = Control("priority", yielding)
     return controls
 
 

@@ -3,17 +3,33 @@
 import json
 import subprocess
 import xml.etree.ElementTree as ET
+from collections import Counter
 from pathlib import Path
 
 import networkx as nx
 import numpy as np
 import pytest
-from networks import ends_of
-from simulator_maps import BATCHES, STEPS, all_reach_all, distances, lane_graph, maps, name, on_any_roads
+from networks import approaches, ends_of, pose_at, signals_of
+from simulator_maps import (
+    BATCHES,
+    BLOCK,
+    KNOT,
+    RING,
+    SIDES,
+    STEPS,
+    all_reach_all,
+    distances,
+    lane_graph,
+    maps,
+    name,
+    on_any_roads,
+)
 from sumo_drive import run
 
+from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.formats.opendrive import to_opendrive
 from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.maps import furnish
 
 DUCKIETOWN = Streets(0.585, 0.234)
 QC = Path(__file__).parents[2] / ".venv-asam" / "bin" / "python"
@@ -79,17 +95,122 @@ def test_roads_and_their_links_are_those_of_the_tiles(grid):
         assert (into, (number, -1)) in made
         made.add(((number, -1), out))
         # The lane starts and ends where its neighbours do, with their heading.
-        offset = road.find("lanes/laneOffset")
-        shift = 0 if offset is None else float(offset.get("a")) - 1.6
+        shift = 1j * (float(road.find("lanes/laneOffset").get("a")) - 1.6)
         ends = poses[road.get("id")]
         for link, other, (place, heading) in zip((before, after), (into, out), ends, strict=True):
             there, angle = poses[str(other[0])][link.get("contactPoint") == "end"]
             angle += np.pi * (other[1] == 1)
             assert abs(np.exp(1j * angle) - np.exp(1j * heading)) < 1e-8
             lane_there = there - 1.6j * np.exp(1j * angle)
-            lane_here = place - (1.6j if offset is None else shift) * np.exp(1j * heading)
+            lane_here = place + shift * np.exp(1j * heading)
             assert abs(lane_there - lane_here) < 1e-8, link
     assert made == set(expected.edges)
+
+
+TOWN = read_map(Path(__file__).parents[2] / "docs" / "examples" / "town.json").codes
+KINDS_OF_MAPS = {
+    "stops": furnish(TOWN, "signs trees=3 duckies=2"),
+    "lights": furnish(TOWN, "signs lights=0.5 houses=2"),
+    "adjacent crossings": RoadMap(BLOCK),
+    "dead ends": RoadMap(KNOT),
+    "ring": RoadMap(RING),
+    "one row": RoadMap(np.array([[4, 5, 5, 1]])),
+}
+each_map = pytest.mark.parametrize("road_map", KINDS_OF_MAPS.values(), ids=KINDS_OF_MAPS)
+
+
+@each_map
+@pytest.mark.parametrize("streets", [Streets(), Streets(8, 3.2, 5, "priority"), DUCKIETOWN])
+def test_roads_have_what_strict_and_plain_readers_ask_for(road_map, streets):
+    """py123d asks for an elevation and a lane offset, maliput for no value without a unit, tactics2d for the speed of
+    lanes and rules of lane changes; maliput and Scenic take roads under 0.05 m for points."""
+    root = ET.fromstring(to_opendrive(road_map, streets, name="a & b"))
+    assert root.find("header").get("name") == "a & b"
+    for road in root.iter("road"):
+        assert road.find("elevationProfile/elevation").attrib == {"s": "0", **dict.fromkeys("abcd", "0")}
+        assert next(one.get("s") for one in road.iter("laneOffset")) == "0"
+        assert float(road.get("length")) >= min(0.1, streets.tile_size / 64) * (1 - 1e-9) and road.get("rule") == "RHT"
+        for lane in road.iter("lane"):
+            assert [mark.get("laneChange") for mark in lane.iter("roadMark")] == ["none"]
+            speeds = [(float(one.get("max")), one.get("unit")) for one in lane.iter("speed")]
+            assert speeds == ([(streets.speed, "m/s")] if lane.get("id") != "0" else [])
+    for signal in root.iter("signal"):
+        assert "value" not in signal.attrib or "unit" in signal.attrib
+
+
+@each_map
+def test_connecting_roads_refer_to_the_signals_of_their_approach(road_map):
+    """Each stop sign and light is read again on each way that its drivers may take, where its lane starts."""
+    text = to_opendrive(road_map)
+    root, found = ET.fromstring(text), signals_of(text)
+    kinds = {one.get("id"): one.get("name") for one in root.iter("signal")}
+    for road in root.iter("road"):
+        references = road.findall("signals/signalReference")
+        if road.get("junction") == "-1":
+            assert not references
+            continue
+        row, column, side, _turn = road.get("name").split("_")
+        approach = int(row), int(column), (SIDES.index(side) + 2) % 4
+        expected = [name for name, *_ in found.get(approach, ()) if name in ("sign_stop", "trafficlight")]
+        assert [kinds[one.get("id")] for one in references] == expected
+        for one in references:
+            assert (one.get("s"), one.get("orientation")) == ("0", "+")
+            assert one.find("validity").attrib == {"fromLane": "-1", "toLane": "-1"}
+
+
+def cubic(records, s):
+    """The value at s of the last cubic that starts before."""
+    starts = [float(one.get("s", one.get("sOffset"))) for one in records]
+    start, record = [both for both in zip(starts, records, strict=True) if both[0] <= s + 1e-12][-1]
+    return sum(float(record.get(name)) * (s - start) ** power for power, name in enumerate("abcd"))
+
+
+@each_map
+@pytest.mark.parametrize("streets", [Streets(), DUCKIETOWN])
+def test_both_edges_of_lanes_are_lines(road_map, streets):
+    """At a dead end too, where the inner edge leads around an island; both edges meet those of the road."""
+    for road in ET.fromstring(to_opendrive(road_map, streets)).iter("road"):
+        length = float(road.get("length"))
+        for lane in road.findall("lanes/laneSection/right/lane"):
+            edges = []
+            for s in np.linspace(0, length, 9):
+                piece = [one for one in road.iter("geometry") if float(one.get("s")) <= s + 1e-9][-1]
+                place, heading = pose_at(piece, s - float(piece.get("s")))
+                left = cubic(road.findall("lanes/laneOffset"), s)
+                right = left - cubic(lane.findall("width"), s)
+                edges.append([place + 1j * t * np.exp(1j * heading) for t in (left, right)])
+            inner, outer = np.array(edges).T
+            assert len(set(np.round(inner, 4))) > 2 and len(set(np.round(outer, 4))) > 2
+            widths = abs(inner - outer)
+            assert widths[[0, -1]] == pytest.approx([streets.lane] * 2) and widths.min() >= 0.95 * streets.lane - 1e-9
+
+
+@pytest.mark.parametrize("kind", ["stops", "lights"])
+def test_objects_and_stop_lines_are_where_the_map_has_them(kind):
+    road_map, streets = KINDS_OF_MAPS[kind], Streets()
+    root = ET.fromstring(to_opendrive(road_map, streets))
+    found, lines = Counter(), 0
+    for road in root.iter("road"):
+        for one in road.iter("object"):
+            s, t, turned = (float(one.get(key)) for key in ("s", "t", "hdg"))
+            piece = [part for part in road.iter("geometry") if float(part.get("s")) <= s + 1e-6][-1]
+            place, heading = pose_at(piece, s - float(piece.get("s")))
+            place += 1j * t * np.exp(1j * heading)
+            if one.get("name") == "stop_line":
+                lines += 1
+                assert one.find("validity").get("fromLane") == ("1" if t > 0 else "-1")
+                assert min(s, float(road.get("length")) - s) < 0.2 and abs(t) == pytest.approx(1.6)
+                continue
+            angle = np.angle(np.exp(1j * (heading + turned)))
+            found[one.get("name"), one.get("type"), *np.round([place.real, place.imag, angle], 3)] += 1
+    types = {"tree": "tree", "house": "building"}
+    expected = Counter()
+    for thing in road_map.objects:
+        if thing.height and thing.kind != "trafficlight" and not thing.kind.startswith("sign_"):
+            place = [thing.x * 30, (len(TOWN) - thing.y) * 30, np.angle(np.exp(1j * thing.angle))]
+            expected[thing.kind, types.get(thing.kind, "obstacle"), *np.round(place, 3)] += 1
+    assert found == expected and found.total() >= 2
+    assert lines == len(approaches(TOWN))
 
 
 # From here on by the programs themselves: make simulators.
