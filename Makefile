@@ -185,7 +185,7 @@ MORE-ued := distrax==0.1.9
 # CleanRL's PPO imports these two.
 MORE-sb3 := tensorboard==2.21.0 tyro==1.0.17
 BARE-sb3 := pufferlib-core==3.0.23
-MORE-mujoco := usd-core==26.11
+MORE-mujoco := usd-core==26.11 mujoco-mjx
 MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
 $(patsubst %,.venv-%/.ready,mujoco shards sumo simulators marimo interop cluster rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)

@@ -157,6 +157,24 @@ def real(
     return check
 
 
+def coordinates(value: UserValue) -> tuple[float, float]:
+    """Checks for a latitude and a longitude in degrees, where UTM has zones of 6 degrees."""
+    # North of 72 degrees UTM has other zones, and its plane ends at 84 degrees.
+    if isinstance(value, tuple | list) and len(value) == 2:
+        latitude, longitude = (_parse(part, float) for part in value)
+        if (
+            is_real(latitude)
+            and is_real(longitude)
+            and -80 <= latitude <= 72
+            and abs(longitude) <= 180
+        ):
+            return float(latitude), float(longitude)
+    raise InputError(
+        "expected a latitude, -80 to 72, and a longitude, -180 to 180, in degrees, "
+        f"got {shorten(repr(value), 40)}"
+    )
+
+
 def one_of(*names: str) -> Check:
     """Makes a check for one of the names."""
 

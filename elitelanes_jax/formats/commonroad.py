@@ -17,7 +17,7 @@ _HEAD = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <commonRoad timeStepSize="0.1" commonRoadVersion="2020a" benchmarkID="ZAM_Tiles-{number}_1_T-1" \
 date="1970-01-01" author="elitelanes" affiliation="" source="elitelanes">
-<location><geoNameId>-999</geoNameId><gpsLatitude>0</gpsLatitude><gpsLongitude>9</gpsLongitude></location>
+<location><geoNameId>-999</geoNameId><gpsLatitude>{latitude:.12g}</gpsLatitude><gpsLongitude>{longitude:.12g}</gpsLongitude></location>
 <scenarioTags><urban/></scenarioTags>
 """
 
@@ -98,7 +98,9 @@ def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
     elements += [_problem(number(), sides[0], _farthest(lanelets)), "</commonRoad>\n"]
     # The number of the scenario depends on its content, so the head comes last.
     content = "\n".join(elements)
-    return _HEAD.format(number=_number_of(content)) + content
+    latitude, longitude = streets.origin
+    benchmark = _number_of(content)
+    return _HEAD.format(number=benchmark, latitude=latitude, longitude=longitude) + content
 
 
 def _sides(lanelet: Lanelet, scene: Scene) -> _Sides:

@@ -3,9 +3,8 @@
 The files are OpenStreetMap's XML.
 
 Lanelets that follow each other share the ends of their bounds, and oncoming ones the middle of the
-road. Places are on the equator, where UTM's zone 32 has its central meridian: read a map with
-``UtmProjector(Origin(0, 9))``, or by its tags ``local_x`` and ``local_y``, in metres from the
-grid's south-west corner.
+road. Read a map with ``UtmProjector(Origin(LAT, LON))`` of its origin, which is 0, 9 by default, or
+by its tags ``local_x`` and ``local_y``, in metres from the grid's south-west corner.
 """
 
 from itertools import count, groupby, islice
@@ -13,19 +12,12 @@ from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex128, Float64
 
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats._earth import to_earth
 from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
 from elitelanes_jax.formats.streets import Line, Streets
 from elitelanes_jax.lanes.movements import TURNS
-
-# These are UTM's constants for the ellipsoid WGS 84. The series end at the third power of _N. The
-# error is under a micrometre up to 7 km from the origin, and under 14 micrometres up to 100 km.
-_N = 1 / (2 * 298.257223563 - 1)
-_RADIUS = 0.9996 * 6378137 / (1 + _N) * (1 + _N**2 / 4 + _N**4 / 64)
-_BETA = (_N / 2 - 2 * _N**2 / 3 + 37 * _N**3 / 96, _N**2 / 48 + _N**3 / 15, 17 * _N**3 / 480)
-_DELTA = (2 * _N - 2 * _N**2 / 3 - 2 * _N**3, 7 * _N**2 / 3 - 8 * _N**3 / 5, 56 * _N**3 / 15)
 
 
 class _Member(NamedTuple):
@@ -79,7 +71,7 @@ def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
             _add_rules(file, scene.crossings[tile], relations)
         for relation in relations:
             file.add_relation(relation.number, relation.members, _tags(relation.lanelet, streets))
-    return file.text()
+    return file.text(streets)
 
 
 def _start_relation(file: "_File", lanelet: Lanelet, scene: Scene) -> _Relation:
@@ -188,9 +180,9 @@ class _File:
         for relation in ruled:
             relation.members.append(_Member("relation", number, "regulatory_element"))
 
-    def text(self) -> str:
+    def text(self, streets: Streets) -> str:
         """Returns the text of the file."""
-        latitudes, longitudes = _on_earth(np.array(list(self.points)))
+        latitudes, longitudes = to_earth(np.array(list(self.points)), streets.origin)
         lines = [
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<osm version="0.6" generator="elitelanes">',
@@ -212,24 +204,3 @@ class _File:
 def _element(kind: str, number: int, parts: str, tags: dict[str, str]) -> str:
     listed = "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
     return f'<{kind} id="{number}" visible="true" version="1">{parts}{listed}</{kind}>'
-
-
-def _on_earth(
-    points: Complex128[np.ndarray, " P"],
-) -> tuple[Float64[np.ndarray, " P"], Float64[np.ndarray, " P"]]:
-    """Returns the latitudes and longitudes of points, in degrees.
-
-    UTM is inverted by Krüger's series.
-    """
-    # `zeta` is the point on the plane: north as its real part, east as its imaginary part, in
-    # radii.
-    zeta = (points.imag + 1j * points.real) / _RADIUS
-    # The first series leads to the transverse Mercator projection of a sphere.
-    zeta = zeta - sum(beta * np.sin(2 * j * zeta) for j, beta in enumerate(_BETA, 1))
-    # `chi` is the latitude on that sphere. The second series leads to the latitude on the
-    # ellipsoid.
-    chi = np.arcsin(np.sin(zeta.real) / np.cosh(zeta.imag))
-    latitudes = chi + sum(delta * np.sin(2 * j * chi) for j, delta in enumerate(_DELTA, 1))
-    # The sphere has the same longitudes, here from the central meridian of zone 32.
-    longitudes = np.arctan2(np.sinh(zeta.imag), np.cos(zeta.real))
-    return np.degrees(latitudes), 9 + np.degrees(longitudes)

@@ -3,6 +3,9 @@
 The robot has two driven wheels and a camera. It has Duckietown's measures, as `drive.Robot` and
 `drive.Camera` have them, so a policy moves from one to the other. All light is ambient: the floor
 has the colours of its picture.
+
+MJX has no contact of a box with a cylinder. The wheels and the chassis touch the floor alone, and
+two capsules that are not drawn touch the objects.
 """
 
 from collections.abc import Sequence
@@ -52,19 +55,25 @@ _MODEL = """<mujoco model="elitelanes">
     <geom name="ground" type="plane" pos="{east:.6g} {north:.6g} -0.001" size="0 0 1" rgba="0.337 0.463 0.282 1" \
 contype="0" conaffinity="0"/>
     <geom name="floor" type="plane" pos="{east:.6g} {north:.6g} 0" size="{east:.6g} {north:.6g} 1" material="floor" \
-friction="1 0.005 0.0001"/>
+friction="1 0.005 0.0001" conaffinity="0"/>
 {objects}    <body name="robot" pos="{x:.6g} {y:.6g} {radius}" euler="0 0 {degrees:.6g}">
       <freejoint name="robot"/>
-      <geom name="chassis" type="box" pos="-0.02 0 0.02" size="0.06 0.035 0.03" mass="0.8" rgba="0.9 0.2 0.15 1"/>
-      <geom name="caster" type="sphere" pos="-0.06 0 -0.0218" size="0.01" mass="0.05" condim="1" rgba="0.5 0.5 0.5 1"/>
+      <geom name="chassis" type="box" pos="-0.02 0 0.02" size="0.06 0.035 0.03" mass="0.8" rgba="0.9 0.2 0.15 1" \
+contype="0"/>
+      <geom name="caster" type="sphere" pos="-0.06 0 -0.0218" size="0.01" mass="0.05" condim="1" rgba="0.5 0.5 0.5 1" \
+contype="0"/>
+      <geom name="bumper" type="capsule" fromto="-0.045 0 0.02 0.005 0 0.02" size="0.035" mass="0" group="3" \
+conaffinity="0"/>
+      <geom name="axle" type="capsule" fromto="0 -0.0312 0.01 0 0.0312 0.01" size="{radius}" mass="0" group="3" \
+conaffinity="0"/>
       <camera name="camera" pos="{forward} 0 {above:.6g}" xyaxes="0 -1 0 {up_x:.9f} 0 {up_z:.9f}" fovy="{fov}"/>
       <body name="left" pos="0 {half} 0">
         <joint name="left" axis="0 1 0" damping="0.0001"/>
-        <geom type="cylinder" size="{radius} 0.012" zaxis="0 1 0" mass="0.05" rgba="0.1 0.1 0.1 1"/>
+        <geom type="cylinder" size="{radius} 0.012" zaxis="0 1 0" mass="0.05" rgba="0.1 0.1 0.1 1" contype="0"/>
       </body>
       <body name="right" pos="0 -{half} 0">
         <joint name="right" axis="0 1 0" damping="0.0001"/>
-        <geom type="cylinder" size="{radius} 0.012" zaxis="0 1 0" mass="0.05" rgba="0.1 0.1 0.1 1"/>
+        <geom type="cylinder" size="{radius} 0.012" zaxis="0 1 0" mass="0.05" rgba="0.1 0.1 0.1 1" contype="0"/>
       </body>
     </body>
   </worldbody>
@@ -157,5 +166,6 @@ def _solid(item: Standing, rows: int, number: int, tile_size: float) -> str:
     red, green, blue = item.colour
     return (
         f'    <geom name="{thing.kind} {number}" {shape} pos="{x:.6g} {y:.6g} {up:.6g}" '
-        f'euler="0 0 {degrees(thing.angle):.6g}" rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/>\n'
+        f'euler="0 0 {degrees(thing.angle):.6g}" rgba="{red:.3f} {green:.3f} {blue:.3f} 1" '
+        'contype="0"/>\n'
     )

@@ -17,6 +17,7 @@ from xml.sax.saxutils import quoteattr
 
 from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import (
     arrival,
     cut_roads,
@@ -32,10 +33,6 @@ from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import Curve, lane_curves
 from elitelanes_jax.lanes.links import Cell, side_towards
 from elitelanes_jax.lanes.movements import BACK, LaneNode
-
-# The south-west corner of the grid is on the equator, on the central meridian of UTM's zone 32.
-_GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
-
 
 # Between adjacent crossings, roads lead this far beyond the border, in metres, or in tiles if that
 # is less. Readers join points that are up to 0.05 m apart. It displaces turning lanes by 0.02 m.
@@ -209,7 +206,7 @@ def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str =
 def _header(name: str, scene: Scene) -> str:
     north, east = (length * scene.streets.tile_size for length in scene.road_map.codes.shape)
     extent = f'north="{north:.9g}" south="0" east="{east:.9g}" west="0"'
-    reference = f"<geoReference><![CDATA[{_GEO_REFERENCE}]]></geoReference>"
+    reference = f"<geoReference><![CDATA[{plane_of(scene.streets.origin)}]]></geoReference>"
     about = f'revMajor="1" revMinor="7" name={quoteattr(name)} version="1"'
     return f"<header {about} {extent}>{reference}</header>"
 

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Complex128, Float
 
-from elitelanes_jax._util.checks import one_of, real
+from elitelanes_jax._util.checks import coordinates, one_of, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax.lanes.curves import lane_polyline, middle_of_side
@@ -36,6 +36,8 @@ class Streets(Record):
       speed: limit in metres a second, 0.001 to 100.
       right_of_way: the right of way at crossings: "allway_stop", the meaning of stop lines on all
         sides, "priority", "right_before_left" or "traffic_light".
+      origin: the latitude, -80 to 72, and the longitude, -180 to 180, of the grid's south-west
+        corner, in degrees.
     """
 
     tile_size: float = option(30.0, real(0.01, 1000))
@@ -44,6 +46,8 @@ class Streets(Record):
     right_of_way: str = option(
         "allway_stop", one_of("allway_stop", "priority", "right_before_left", "traffic_light")
     )
+
+    origin: tuple[float, float] = option((0.0, 9.0), coordinates)
 
     def check_together(self) -> None:
         """Checks that a tile has room for two lanes."""

@@ -20,8 +20,9 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import cut_roads
-from elitelanes_jax.formats._scene import make_scene
+from elitelanes_jax.formats._scene import Scene, make_scene
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.streets import Streets, to_metres
 from elitelanes_jax.lanes.curves import CHORDS
@@ -117,7 +118,7 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
             ends = f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], tile)}"'
             connections.append(f'{ends} fromLane="0" toLane="0"')
     return Sumo(
-        _xml("node", nodes.values()),
+        _xml("node", nodes.values(), first=_location(scene)),
         _xml("edge", edges),
         _xml("connection", connections),
         _settings(check_named("name", _file_name, name)),
@@ -264,12 +265,22 @@ def _edge_id(node: Cell, neighbour: Cell) -> str:
     return f"{_id(node)}_{side_towards(node, neighbour).name}"
 
 
-def _xml(name: str, elements: Iterable[str], root: str | None = None) -> str:
-    """Returns a file of elements, given their attributes.
+def _location(scene: Scene) -> str:
+    """Returns the element that says where on earth x and y are 0."""
+    north, east = (length * scene.streets.tile_size for length in scene.road_map.codes.shape)
+    box = f"0,0,{east:.4f},{north:.4f}"
+    # SUMO has longitudes of the corners here, and reads none of them.
+    boundary = f'convBoundary="{box}" origBoundary="{box}"'
+    plane = plane_of(scene.streets.origin)
+    return f'    <location netOffset="0,0" {boundary} projParameter="{plane}"/>\n'
+
+
+def _xml(name: str, elements: Iterable[str], root: str | None = None, first: str = "") -> str:
+    """Returns a file of elements, given their attributes; `first` is the text before them.
 
     The name of its root is by default the plural of the elements' name.
     """
     if root is None:
         root = f"{name}s"
     lines = "".join(f"    <{name} {attributes}/>\n" for attributes in elements)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{root}>\n{lines}</{root}>\n'
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{root}>\n{first}{lines}</{root}>\n'

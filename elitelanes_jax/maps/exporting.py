@@ -12,6 +12,7 @@ from elitelanes_jax._util.checks import (
     SEED,
     TILE_PX,
     check_named,
+    coordinates,
     instance,
     nonblank,
     none_or,
@@ -228,8 +229,9 @@ def _usd(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, byte
     return to_usd(road_map.codes.shape, f"{name}.png", size, standing), picture
 
 
-_STREETS = ("tile_size", "lane", "speed", "right_of_way")
-_TRAFFIC = (*_STREETS, "traffic_seed")
+_STREETS = ("tile_size", "lane", "speed", "right_of_way", "origin")
+# These formats have no place on earth.
+_TRAFFIC = (*_STREETS[:-1], "traffic_seed")
 _FLOOR = ("tile_size", "tiles", "tile_px")
 
 FORMATS = {
@@ -278,6 +280,7 @@ class FormatOptions(Record):
       speed: limit in a network, in metres a second; by default 8.33
       right_of_way: at a network's crossings: allway_stop (the default), priority,
         right_before_left, traffic_light
+      origin: latitude and longitude of a network's south-west corner, in degrees; by default 0 9
       traffic_seed: seed of the cars of pufferdrive and scenarionet; by default 0
       tiles: folder of the tile pictures of a floor; by default the package's own
       tile_px: side of a tile in a floor's picture, in pixels; by default 256, or less over 32 tiles
@@ -290,6 +293,7 @@ class FormatOptions(Record):
     lane: float | None = option(None, _metres, "METRES")
     speed: float | None = option(None, none_or(real(0)), "M/S")
     right_of_way: str | None = option(None, _name, "HOW")
+    origin: tuple[float, float] | None = option(None, none_or(coordinates), ("LAT", "LON"))
     traffic_seed: int | None = option(None, none_or(SEED), "N")
     tiles: Path | None = option(None, none_or(path), "DIR")
     tile_px: int | None = option(None, none_or(TILE_PX), "N")

@@ -24,6 +24,7 @@ from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.gltf import to_gltf
 from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
 from elitelanes_jax.lanes.movements import Movement, lane_graph
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.exporting import FORMATS
 from elitelanes_jax.network import wfc
 from elitelanes_jax.tiles import choose_tiles, load_tiles, render
@@ -149,6 +150,22 @@ def city(number, largest=24):
     height, width = map(int, rng.integers(6, largest + 1, 2))
     style = [{"border": "closed"}, {"border": "closed", "crossing_ban": False}, {"border": "open"}][number % 3]
     return wfc.generate_batch(rng, 1, (height, width), **style).grid[0]
+
+
+def test_mjx_has_each_pair_of_shapes_that_may_touch():
+    """MJX knows no contact of a box with a cylinder: wheels and chassis meet the floor alone, capsules meet objects."""
+    text = FORMATS["mujoco"].files(RoadMap(TOWN, objects=THINGS), "city")["city.xml"].decode()
+    robot = ET.fromstring(text).find("worldbody/body")
+    parts = [geom.attrib for geom in robot.iter("geom")]
+    floor, *still = [geom.attrib for geom in ET.fromstring(text).findall("worldbody/geom")[1:]]
+    assert floor["name"] == "floor" and {one["type"] for one in still} == {"box", "cylinder"}
+
+    def touch(one, other):
+        return any(int(a.get("contype", 1)) & int(b.get("conaffinity", 1)) for a, b in ((one, other), (other, one)))
+
+    assert {one["type"] for one in parts if touch(one, floor)} == {"box", "sphere", "cylinder"}
+    assert [one["type"] for one in parts if touch(one, still[0])] == ["capsule"] * 2
+    assert all(touch(one, {}) for one in (*parts, floor, *still))  # what users add touches everything
 
 
 @pytest.mark.slow
@@ -354,3 +371,18 @@ def test_objects_stand_in_mujoco_and_stop_the_robot(mujoco):
     mujoco.mj_step(model, data, 2500)  # 1.5 m on a free floor
     x, y, _ = where(data, len(TOWN))
     assert house.x - 1.2 < x < house.x - 0.5 and abs(y - house.y) < 1
+
+
+@pytest.mark.slow
+def test_mjx_loads_furnished_maps_and_drives_as_mujoco_does(mujoco):
+    mjx = pytest.importorskip("mujoco.mjx")
+    jax = pytest.importorskip("jax")
+    model, data = load(mujoco, furnish(TOWN, "all"))
+    model_there, data_there = mjx.put_model(model), mjx.put_data(model, data)
+    data.ctrl[:] = 9.4, 9.0
+    data_there = data_there.replace(ctrl=jax.numpy.array([9.4, 9.0]))
+    step = jax.jit(mjx.step)
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        data_there = step(model_there, data_there)
+    assert np.abs(np.array(data_there.qpos)[:7] - data.qpos[:7]).max() < 0.01  # the place of the robot

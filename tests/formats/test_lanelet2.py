@@ -11,7 +11,8 @@ from networks import read_lanelet2
 from scipy.integrate import quad
 from simulator_maps import BATCHES, distances, lane_graph, maps, name, on_any_roads
 
-from elitelanes_jax.formats.lanelet2 import _on_earth, to_lanelet2
+from elitelanes_jax.formats._earth import to_earth
+from elitelanes_jax.formats.lanelet2 import to_lanelet2
 from elitelanes_jax.formats.streets import Streets
 
 
@@ -62,7 +63,7 @@ def test_places_are_on_the_meridian_of_the_ellipsoid():
     """The integral of its radius of curvature, to a few micrometres at a hundred kilometres."""
     major, square = 6378137, 2 / 298.257223563 - 1 / 298.257223563**2
     for north in (1.0, 1000.0, 100_000.0):
-        (latitude,), (longitude,) = _on_earth(np.array([north * 1j]))
+        (latitude,), (longitude,) = to_earth(np.array([north * 1j]), (0, 9))
         length, _ = quad(
             lambda angle: major * (1 - square) / (1 - square * np.sin(angle) ** 2) ** 1.5, 0, np.radians(latitude)
         )
