@@ -12,6 +12,7 @@ import numpy as np
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
 from elitelanes_jax.formats.streets import Line, Streets
+from elitelanes_jax.lanes.movements import BACK
 
 _HEAD = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -30,6 +31,10 @@ _SIGNS = {"stop": "206", "right_before_left": "102", "yield": "205", "go_first":
 _CYCLE = (("green", 200), ("yellow", 30), ("red", 200), ("redYellow", 30))
 # This cycle is half a cycle ahead, so one axis is green while the other is red.
 _CYCLE_FROM_RED = _CYCLE[2:] + _CYCLE[:2]
+
+# The ends of the left bound at a dead end are moved by this towards the right bound, in metres. The
+# designer of CommonRoad takes bounds for the same up to 1e-6 m.
+_APART = 2.5e-7
 
 # The elements for the successors of an incoming road, by turn.
 _SUCCESSORS = ("successorsRight", "successorsStraight", "successorsLeft")
@@ -62,7 +67,7 @@ def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
     """
     scene = make_scene(source, streets)
     lanelets = scene.lanelets
-    sides = [_sides(lanelet, scene) for lanelet in lanelets]
+    sides = _list_sides(scene)
     number = count(len(lanelets) + 1).__next__
     # One virtual sign has the speed limit of all lanelets.
     limit = number()
@@ -92,8 +97,19 @@ def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
         intersections.append(f'<intersection id="{number()}">{parts}</intersection>')
     # A lanelet names its sign or light, so lanelets are written when all crossings are known.
     elements = []
-    for index in range(len(lanelets)):
-        elements.append(_lanelet(index, lanelets, sides[index], rules.get(index, ""), limit))
+    ways = {
+        (*lanelet.movement.node, lanelet.movement.exit): index
+        for index, lanelet in enumerate(lanelets)
+    }
+    for index, lanelet in enumerate(lanelets):
+        # The oncoming lanelet enters where this one leaves, and leaves where this one enters. It
+        # has the same left bound. A dead end has none.
+        row, column, heading, turn = lanelet.movement
+        oncoming = None
+        if turn != BACK:
+            oncoming = ways[row, column, (lanelet.movement.exit + 2) % 4, (heading + 2) % 4]
+        reference = rules.get(index, "")
+        elements.append(_lanelet(index, lanelet, oncoming, sides[index], reference, limit))
     elements += signs + lights + intersections
     elements += [_problem(number(), sides[0], _farthest(lanelets)), "</commonRoad>\n"]
     # The number of the scenario depends on its content, so the head comes last.
@@ -103,13 +119,22 @@ def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
     return _HEAD.format(number=benchmark, latitude=latitude, longitude=longitude) + content
 
 
-def _sides(lanelet: Lanelet, scene: Scene) -> _Sides:
-    left, right = scene.bounds(lanelet)
-    if lanelet.arms == 1:
-        # Both ends of a dead end's left bound are the middle of the tile's side. They are moved
-        # apart, because the outline of a lanelet must not touch itself.
-        left[[0, -1]] += 1e-5 * (right - left)[[0, -1]]
-    return _Sides(left, right)
+def _list_sides(scene: Scene) -> list[_Sides]:
+    """Lists the bounds of all lanelets."""
+    sides = [_Sides(*scene.bounds(lanelet)) for lanelet in scene.lanelets]
+    for index, lanelet in enumerate(scene.lanelets):
+        if lanelet.arms == 1:
+            # Both ends of a dead end's left bound are the middle of the tile's side. They are moved
+            # apart, because the outline of a lanelet must not touch itself. The lanelets before and
+            # after it move with them.
+            left, right = scene.bounds(lanelet)
+            left[[0, -1]] += _APART * ((right - left) / abs(right - left))[[0, -1]]
+            sides[index].left[:] = left
+            for before in lanelet.predecessors:
+                sides[before].left[-1] = left[0]
+            for after in lanelet.successors:
+                sides[after].left[0] = left[-1]
+    return sides
 
 
 def _sign(number: int, kind: str, position: complex, value: str = "") -> str:
@@ -159,18 +184,19 @@ def _references(name: str, lanelets: list[int]) -> str:
     return "".join(f'<{name} ref="{index + 1}"/>' for index in lanelets)
 
 
-def _lanelet(index: int, lanelets: list[Lanelet], sides: _Sides, rule: str, limit: int) -> str:
-    """Returns the element of a lanelet; `limit` is the number of the sign with the speed limit."""
-    lanelet = lanelets[index]
-    has_middle_line = lanelet.arms == 2
-    parts = _bound("leftBound", sides.left, "dashed" if has_middle_line else "no_marking")
+def _lanelet(
+    index: int, lanelet: Lanelet, oncoming: int | None, sides: _Sides, rule: str, limit: int
+) -> str:
+    """Returns the element of a lanelet.
+
+    `oncoming` is the index of the lanelet in the other direction, and `limit` the number of the
+    sign with the speed limit.
+    """
+    parts = _bound("leftBound", sides.left, "dashed" if lanelet.arms == 2 else "no_marking")
     parts += _bound("rightBound", sides.right, "no_marking" if lanelet.arms > 2 else "solid")
     parts += _references("predecessor", lanelet.predecessors)
     parts += _references("successor", lanelet.successors)
-    if has_middle_line:
-        # A tile with two arms has two lanelets, one after the other.
-        is_second = lanelets[index - 1].movement.node.tile == lanelet.movement.node.tile
-        oncoming = index - 1 if is_second else index + 1
+    if oncoming is not None:
         parts += f'<adjacentLeft ref="{oncoming + 1}" drivingDir="opposite"/>'
     if rule:
         ends = _point(sides.left[-1]) + _point(sides.right[-1])
@@ -212,7 +238,7 @@ def _bound(side: str, line: Line, marking: str) -> str:
 
 
 def _point(position: complex) -> str:
-    return f"<point><x>{position.real:.6f}</x><y>{position.imag:.6f}</y></point>"
+    return f"<point><x>{position.real:.7f}</x><y>{position.imag:.7f}</y></point>"
 
 
 def _problem(number: int, start: _Sides, goal: int) -> str:

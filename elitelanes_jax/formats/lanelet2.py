@@ -94,7 +94,9 @@ def _tags(lanelet: Lanelet, streets: Streets) -> dict[str, str]:
         "location": "urban",
         "one_way": "yes",
         "name": lanelet.movement.name,
-        "speed_limit": f"{streets.speed * 3.6:g} km/h",
+        "participant:vehicle": "yes",
+        # Without a unit it is km/h. Autoware and tactics2d read a number alone.
+        "speed_limit": f"{streets.speed * 3.6:g}",
     }
     if lanelet.arms > 2:
         tags["turn_direction"] = TURNS[lanelet.movement.turn]
@@ -186,6 +188,8 @@ class _File:
         lines = [
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<osm version="0.6" generator="elitelanes">',
+            # Autoware reads the version of its own tags here.
+            '<MetaInfo format_version="1" map_version="1"/>',
         ]
         for (point, number), latitude, longitude in zip(
             self.points.items(), latitudes, longitudes, strict=True

@@ -283,7 +283,7 @@ def points_of_commonroad(text):
 
 
 def controls_of_sumo(plain, grid):
-    types = {node.get("id"): node.get("type") for node in ET.fromstring(plain.nodes)}
+    types = {node.get("id"): node.get("type") for node in ET.fromstring(plain.nodes).iter("node")}
     crossings = {"{}_{}".format(*approach[:2]): approach[:2] for approach in approaches(grid)}
     assert {types[node] for node in types.keys() - crossings.keys()} <= {"priority"}
     return {tile: Control(types[node]) for node, tile in crossings.items()}

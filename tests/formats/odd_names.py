@@ -39,6 +39,7 @@ REFUSED = {
         *("comma", "backslash", "variable in braces", "port"),
         *("no UTF-8", "control character"),
     },
+    "opendrive": {"no UTF-8", "control character"},
     "mujoco": {"backslash", "no UTF-8", "control character"},
     "usd": {"backslash", "line break", "carriage return", "tab", "XML", "no UTF-8", "control character"},
     "movingai": {

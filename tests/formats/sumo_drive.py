@@ -18,7 +18,7 @@ def points(text):
 
 
 def elements(text):
-    return [element.attrib for element in ET.fromstring(text)]
+    return [element.attrib for element in ET.fromstring(text) if element.tag != "location"]
 
 
 def read(plain):

@@ -8,10 +8,11 @@ import networkx as nx
 import numpy as np
 import pytest
 from networks import read_lanelet2
+from oracle import road_graph
 from scipy.integrate import quad
-from simulator_maps import BATCHES, distances, lane_graph, maps, name, on_any_roads
+from simulator_maps import BATCHES, BLOCK, distances, lane_graph, maps, name, on_any_roads
 
-from elitelanes_jax.formats._earth import to_earth
+from elitelanes_jax.formats._earth import plane_of, to_earth
 from elitelanes_jax.formats.lanelet2 import to_lanelet2
 from elitelanes_jax.formats.streets import Streets
 
@@ -57,6 +58,37 @@ def test_lights_stand_beyond_the_right_end_of_their_stop_lines():
         for place in light:
             beside = (place - middle) / (right - middle)
             assert beside.real > 1 and abs(beside.imag) < 1e-5
+
+
+def test_tags_are_those_that_autoware_asks_for():
+    """Of a road, with a number for its speed; the turn on crossings; and a rule for each stop line."""
+    text = to_lanelet2(BLOCK, Streets(speed=5))
+    root = ET.fromstring(text)
+    lanelets, rules, _ = read_lanelet2(text)
+    ruled = {ref for _, members in rules.values() for _, ref in members}
+    lines = [way.get("id") for way in root.iter("way") if way.find("tag[@v='stop_line']") is not None]
+    assert len(lines) == 16 and set(lines) <= ruled
+    arms = road_graph(BLOCK).degree
+    for relation in root.iter("relation"):
+        tags = {tag.get("k"): tag.get("v") for tag in relation.iter("tag")}
+        if tags["type"] == "lanelet":
+            assert float(tags["speed_limit"]) == 18 and tags["participant:vehicle"] == tags["one_way"] == "yes"
+            row, column, _, turn = tags["name"].split("_")
+            assert tags.get("turn_direction") == (turn if arms[int(row), int(column)] > 2 else None)
+    assert len(lanelets) == len(lane_graph(BLOCK)) and root.find("MetaInfo").get("format_version") == "1"
+
+
+@pytest.mark.parametrize("origin", [(0, 9), (48.1, 11.6), (60.39, 5.32), (-33.45, -70.66), (-80, 180)])
+def test_the_origin_is_the_south_west_corner(origin):
+    """Where PROJ has UTM's plane: 60.39, 5.32 is in Norway's wide zone 32."""
+    (latitude,), (longitude,) = to_earth(np.zeros(1, complex), origin)
+    assert (latitude, longitude % 360) == pytest.approx((origin[0], origin[1] % 360), abs=1e-11)
+    meridian = {11.6: 9, 5.32: 9, -70.66: -69, 9: 9, 180: 177}[origin[1]]
+    assert f"+lon_0={meridian} " in plane_of(origin)
+    # One step north and one east are as long on the ellipsoid as on the plane, to the plane's scale.
+    north, east = np.transpose(to_earth(np.array([1000j, 1000]), origin)) - (latitude, longitude)
+    metres = np.radians([north, east]) * 6378137 * np.array([1, np.cos(np.radians(latitude))])
+    assert np.hypot(*metres.T) == pytest.approx([1000, 1000], rel=0.01)
 
 
 def test_places_are_on_the_meridian_of_the_ellipsoid():

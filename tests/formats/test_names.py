@@ -30,6 +30,10 @@ def read_sumo(files):
     return unquote(value).removesuffix(".nod.xml")
 
 
+def read_opendrive(files):
+    return ET.fromstring(files[0]).find("header").get("name")
+
+
 def read_mujoco(files):
     return ET.fromstring(files[0]).find("asset/texture[@name='floor']").get("file").removesuffix(".png")
 
@@ -60,6 +64,7 @@ READERS = {
     "pufferdrive": read_pufferdrive,
     "scenarionet": read_scenarionet,
     "sumo": read_sumo,
+    "opendrive": read_opendrive,
     "mujoco": read_mujoco,
     "usd": read_usd,
     "movingai": read_movingai,
