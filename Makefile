@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive pufferdrive rl sb3 shards ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard readers metadrive pufferdrive rl sb3 shards ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -61,8 +61,13 @@ explorer/node_modules/.ready: explorer/package.json explorer/package-lock.json
 sumo: .venv-sumo/.ready
 	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py -k sumo
 
-# CARLA, Lanelet2, SUMO, ASAM's checker of OpenDRIVE and CommonRoad, on a thousand maps and those of duckietown-world.
-simulators: .venv-simulators/.ready .venv-asam/.ready .venv-commonroad/.ready .venv-duckietown/.ready
+# Twenty readers by others on 1,000 drawn maps, 100 odd ones and those of duckietown-world; it goes on where it ended.
+# READERS='carla --share 0.1' has some of the readers read a part of the maps.
+readers: $(READY) .venv-duckietown/.ready
+	$(BIN)/python tests/formats/readers/check.py $(READERS)
+
+# The places of lanes in CARLA, and routes in Lanelet2 and CommonRoad, on a thousand maps and those of duckietown-world.
+simulators: .venv-simulators/.ready .venv-commonroad/.ready .venv-duckietown/.ready
 	.venv-simulators/bin/python -m pytest -n auto -m slow tests/formats/test_opendrive.py \
 	  tests/formats/test_lanelet2.py tests/formats/test_commonroad.py
 
@@ -113,10 +118,6 @@ results/packs/%: $(PROGRAM)
 mujoco: .venv-mujoco/.ready
 	.venv-mujoco/bin/python -m pytest -m slow tests/formats/test_floor.py tests/formats/test_usd.py
 
-# POGEMA, called from ours as a program.
-pogema: $(READY) .venv-pogema/.ready
-	$(BIN)/python -m pytest -m slow tests/formats/test_robots_maps.py
-
 # MetaDrive, called from ours as a program. It draws nothing, so it does not download its pictures from GitHub.
 metadrive: $(READY) .venv-metadrive/.ready
 	$(BIN)/python -m pytest -m slow tests/formats/test_metadrive.py
@@ -162,12 +163,6 @@ yolo: $(READY) .venv-yolo/.ready
 	  matplotlib pillow polars psutil pyyaml requests
 	.venv-yolo/bin/python -m pip install --quiet --disable-pip-version-check --no-deps torchvision==0.28.0 \
 	  ultralytics==8.4.190
-	touch $@
-
-.venv-pogema/.ready:
-	rm -rf .venv-pogema
-	$(PYTHON) -m venv .venv-pogema
-	.venv-pogema/bin/python -m pip install --quiet --disable-pip-version-check pogema==1.4.0
 	touch $@
 
 EXTRAS-mujoco := dev,mujoco
@@ -256,7 +251,7 @@ towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
 	touch $@
 
 # Programs that tests call, with packages that do not fit ours: NumPy below 2, and an old protobuf.
-.venv-asam/.ready .venv-commonroad/.ready: .venv-%/.ready: tests/formats/requirements-%.txt
+.venv-commonroad/.ready: .venv-%/.ready: tests/formats/requirements-%.txt
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -r $<

@@ -38,7 +38,6 @@ ENVIRONMENTS = {
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
     "duckietown-sdk": Environment(".venv-duckietown-sdk", ("duckietown-sdk",)),
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh", "usd-core")),
-    "pogema": Environment(".venv-pogema", ("pogema",)),
     "metadrive": Environment(".venv-metadrive", ("metadrive-simulator", "eclipse-sumo")),
     "pufferdrive": Environment(".venv"),
     "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),

@@ -27,7 +27,7 @@ SIDES = ("north", "east", "south", "west")
 TURNS = {1: "right", 0: "straight", 3: "left", 2: "back"}  # by quarter turns clockwise
 AHEAD = np.array([1j, 1, -1j, -1])  # x east, y north
 
-_SIZES = (6, 9, 12, 16, 20, 24)
+_SIZES = (4, 6, 9, 12, 16, 20, 24)
 _grow = jax.jit(grow_town, static_argnums=1)
 
 # Those of duckietown-world, where make duckietown has installed it.
@@ -37,7 +37,7 @@ KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to 
 RING = np.array([[6, 3], [12, 9]], np.int8)
 BLOCK = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)  # crossings next to crossings
 BATCHES = ["people", *range(40)]
-KEPT = Path(__file__).parents[2] / "results" / "simulator-maps.npz"
+KEPT = Path(__file__).parents[2] / "results" / "maps-of-networks.npz"
 
 
 def on_any_roads(test):
@@ -66,7 +66,7 @@ def maps_of(batch, number=25):
     with np.load(KEPT) as kept:
         seeds = range(batch * number, (batch + 1) * number)
         spec = "signs=possible lights=0.3"
-        return [furnish(kept[str(seed)], spec) if seed // 18 % 2 else RoadMap(kept[str(seed)]) for seed in seeds]
+        return [furnish(kept[str(seed)], spec) if seed // 21 % 2 else RoadMap(kept[str(seed)]) for seed in seeds]
 
 
 def draw(seed):

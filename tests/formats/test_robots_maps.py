@@ -1,8 +1,6 @@
 """Maps for robots: MovingAI's files, by a reader of their format's rules; and the graph of lanes."""
 
 import math
-import subprocess
-from pathlib import Path
 
 import networkx as nx
 import numpy as np
@@ -116,21 +114,6 @@ def test_cells_are_connected_as_tiles_are(grid):
             pair for pair in pairs if sum(abs(one - two) for one, two in zip(*pair, strict=True)) == 1
         }
         assert nx.number_connected_components(graph) == nx.number_connected_components(links)
-
-
-@pytest.mark.slow
-def test_pogema_leads_a_robot_through_the_maps(tmp_path):
-    """POGEMA has an environment of its own, as it needs an older NumPy: make pogema."""
-    python = Path(__file__).parents[2] / ".venv-pogema" / "bin" / "python"
-    if not python.exists():
-        pytest.skip("POGEMA is not installed")
-    for number in range(100):
-        rng = np.random.default_rng(number)
-        codes = wfc.generate_batch(rng, 1, tuple(rng.integers(6, 25, 2).tolist()), border="closed").grid[0]
-        for suffix, text in zip((".map", ".scen"), to_movingai(codes, f"{number}.map"), strict=True):
-            (tmp_path / f"{number}{suffix}").write_text(text)
-    script = Path(__file__).with_name("pogema_reads.py")
-    subprocess.run([python, script, tmp_path], check=True, env={"PATH": ""}, capture_output=True)
 
 
 @pytest.mark.parametrize("name", [None, "", "a\tmap", "a\nmap"])
