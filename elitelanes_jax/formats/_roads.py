@@ -101,25 +101,3 @@ def middle_across_tile(movement: Movement, inset: float = 0.0, outset: float = 0
         Curve(end_x, end_y, exit_heading, deepest - outset),
     ]
     return [piece for piece in pieces if piece.length > 0]
-
-
-def foot_on(curve: Curve, x: float, y: float) -> tuple[float, float] | None:
-    """Returns where a point is beside a curve: the length along it, and the distance to the left.
-
-    Returns None for a point that is beside none of it.
-    """
-    ahead = SIDES[curve.heading]
-    east, south = x - curve.x, y - curve.y
-    along = east * ahead.right + south * ahead.down
-    left = east * ahead.down - south * ahead.right
-    if curve.curvature:
-        # The middle of the circle is at this distance to the left of the start.
-        radius = 1 / curve.curvature
-        bend = math.copysign(1, radius)
-        along, left = (
-            abs(radius) * math.atan2(along, bend * (radius - left)),
-            radius - bend * math.hypot(along, radius - left),
-        )
-    # A foot at an end of the curve may be beyond it by the rounding.
-    is_beside = -1e-9 <= along <= curve.length + 1e-9
-    return (min(max(along, 0.0), curve.length), left) if is_beside else None

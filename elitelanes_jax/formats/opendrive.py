@@ -10,18 +10,17 @@ of 1/64 tile on tiles of less than 6.4 m.
 """
 
 import math
-from collections.abc import Iterable
 from itertools import chain, count, product
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats._beside import Place, Ways
 from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import (
     arrival,
     cut_roads,
-    foot_on,
     middle_across_tile,
     middle_of_road,
 )
@@ -105,24 +104,6 @@ class _Road(NamedTuple):
     tiles: list[Cell]
     lanes: str
     signals: str
-
-
-class _Place(NamedTuple):
-    """Where an object is beside a road. Lengths are in tiles.
-
-    Attributes:
-      distance: the distance from the reference line, by which places are compared.
-      road: the index of the road.
-      along: the length of the road before the object.
-      left: the distance to the left of the reference line.
-      angle: the direction of the object relative to that of the road, in radians.
-    """
-
-    distance: float
-    road: int
-    along: float
-    left: float
-    angle: float
 
 
 def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str = "map") -> str:
@@ -391,42 +372,17 @@ def _signal(signal: Signal, s: float, lane: int, scene: Scene) -> str:
 
 def _objects(roads: list[_Road], scene: Scene) -> dict[int, list[str]]:
     """Returns the objects of the map, without signs, lights and tags, by the index of their road."""
-    # The roads at each tile.
-    passing: dict[Cell, list[int]] = {}
-    for index, road in enumerate(roads):
-        for tile in road.tiles:
-            passing.setdefault(tile, []).append(index)
     objects: dict[int, list[str]] = {}
+    ways = Ways([road.curves for road in roads], [road.tiles for road in roads])
     for item in scene.road_map.objects or ():
         if item.height and not is_signal(item):
-            row, column = math.floor(item.y), math.floor(item.x)
-            cells = product(range(row - 1, row + 2), range(column - 1, column + 2))
-            near = sorted({index for cell in cells for index in passing.get(cell, ())})
-            # Far objects, and few others, are beside none of the roads near them.
-            places = _places(item, roads, near) or _places(item, roads, range(len(roads)))
-            if places:
-                place = min(places)
-                objects.setdefault(place.road, []).append(_object_beside(item, place, scene))
+            place = ways.place_beside(item.x, item.y)
+            if place is not None:
+                objects.setdefault(place.way, []).append(_object_beside(item, place, scene))
     return objects
 
 
-def _places(item: MapObject, roads: list[_Road], indices: Iterable[int]) -> list[_Place]:
-    """Lists where an object is beside the curves of some roads."""
-    places: list[_Place] = []
-    for index in indices:
-        before = 0.0
-        for curve in roads[index].curves:
-            foot = foot_on(curve, item.x, item.y)
-            if foot is not None:
-                along, left = foot
-                angle = (1 - curve.heading) * math.pi / 2 + along * curve.curvature
-                turned = item.angle - angle
-                places.append(_Place(abs(left), index, before + along, left, turned))
-            before += curve.length
-    return places
-
-
-def _object_beside(item: MapObject, place: _Place, scene: Scene) -> str:
+def _object_beside(item: MapObject, place: Place, scene: Scene) -> str:
     """Returns the element of an object after its number."""
     size = scene.streets.tile_size
     length, width, height = (side * size / TILE_SIZE for side in (*item.footprint, item.height))
@@ -445,7 +401,7 @@ def _object_beside(item: MapObject, place: _Place, scene: Scene) -> str:
         f'name="{item.kind}" type="{kind}" {sides} height="{height:.6g}"',
         place.along * size,
         place.left * size,
-        place.angle,
+        item.angle - place.angle,
         outline,
     )
 
