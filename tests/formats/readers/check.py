@@ -146,9 +146,8 @@ def odd(seed: int) -> np.ndarray:
         block[[0, 0, -1, -1], [0, -1, 0, -1]] = 6, 3, 12, 9
         return block
     if seed % 4 == 2:
-        parts = np.zeros((2 * side + 1, side), int)
-        parts[:side], parts[side + 1 :] = draw(3 * seed + 2)[:side, :side], draw(3 * seed + 5)[:side, :side]
-        return parts
+        first, second = generate_batch(random, 2, (side, side), alphabet=range(16), border="closed").grid
+        return np.concatenate([first, np.zeros((1, side), int), second])
     row = np.full((1, side), 5)
     row[0, 0], row[0, -1] = 4, 1
     return row if seed % 8 == 3 else np.where(row.T == 5, 10, np.where(row.T == 4, 2, 8))
