@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Float, Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, xml_name
+from elitelanes_jax._util.cells import describe_cell
+from elitelanes_jax._util.checks import check_named, is_whole, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._earth import plane_of
@@ -153,9 +154,10 @@ def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]])
         if heading in range(4):
             step = LaneNode(row, column, heading).tile_before, (row, column)
         if step is None or step not in edges:
+            is_cell = is_whole(row) and is_whole(column) and row >= 0 and column >= 0
+            place = describe_cell(row, column) if is_cell else f"[{row!r}, {column!r}]"
             raise InputError(
-                "trips: expected starts and goals on roads, "
-                f"got row {row}, column {column}, {heading}"
+                f"trips: expected starts and goals on roads, got {place} with the heading {heading!r}"
             )
         return edges[step]
 

@@ -212,17 +212,19 @@ def test_objects_and_stop_lines_are_where_the_map_has_them(kind):
 # From here on by the programs themselves: make simulators.
 
 
-def check_carla(grid, text, streets, places=1e-2):
+def check_carla(grid, text, streets):
     """CARLA's lanes lie where ours do, follow each other as ours do, and each is reached; it reads all signals."""
     carla = pytest.importorskip("carla", reason="CARLA is not here: make simulators")
     city = carla.Map("city", text)
     root = ET.fromstring(text)
-    read = {(int(one.id), one.name, one.type, one.road_id) for one in city.get_all_landmarks()}
-    signals = [(one, road) for road in root.iter("road") for one in road.iter("signal")]
-    assert read == {
-        (int(one.get("id")), one.get("name"), one.get("type"), int(road.get("id"))) for one, road in signals
-    }
-    assert len(city.get_all_landmarks()) == len(signals)
+    kinds = {one.get("id"): (one.get("name"), one.get("type")) for one in root.iter("signal")}
+    read = Counter((one.id, one.name, one.type, one.road_id) for one in city.get_all_landmarks())
+    # A landmark stands at the road of its signal, and at each connecting road that refers to it.
+    expected = Counter()
+    for road in root.iter("road"):
+        for one in (*road.iter("signal"), *road.iter("signalReference")):
+            expected[one.get("id"), *kinds[one.get("id")], int(road.get("id"))] += 1
+    assert read == Counter({(str(number), *more): count for (number, *more), count in expected.items()})
     expected, turns = lane_links(root, grid)
     lengths = {int(road.get("id")): float(road.get("length")) for road in root.iter("road")}
     links = {
@@ -246,12 +248,14 @@ def check_carla(grid, text, streets, places=1e-2):
     for lane, points in lanes.items():
         points = np.array(points)
         if lane in ours:
-            assert distances(points, ours[lane], grid, streets).max() < places
+            # Around a dead end is an island, and turns next to an adjacent crossing start 0.05 m later.
+            island = streets.lane / 40 * (ours[lane][2] == (ours[lane][3] + 2) % 4)
+            assert distances(points, ours[lane], grid, streets).max() < island + 0.03
             continue
         for point in points:
             column, row = int(point.real // streets.tile_size), int(len(grid) - point.imag / streets.tile_size)
             far, nearest = min((float(distances(point, other, grid, streets)), other) for other in here[row, column])
-            assert far < places
+            assert far < 0.01
             passed.add(nearest)
     assert passed == set(graph)
 

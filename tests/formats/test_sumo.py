@@ -142,7 +142,9 @@ def test_trips_lead_over_the_edges_that_enter_their_tiles(grid):
 
 def test_trips_off_the_roads_are_refused():
     for heading in (0, 4, -1):
-        with pytest.raises(InputError, match=f"^trips: expected .* on roads, got row 1, column 1, {heading}"):
+        with pytest.raises(
+            InputError, match=rf"^trips: expected .* on roads, got B2 \(\[1, 1\]\) with the heading {heading}"
+        ):
             to_sumo_trips(RING, [((0, 1, 1), (1, 1, heading))])
 
 
