@@ -242,8 +242,9 @@ def add_furnish(commands: Commands) -> None:
 def _furnish(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.objects import check_objects
     from elitelanes_jax.lanes.curves import LANE_OFFSET
+    from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.maps.furnishing.placing import furnish
-    from elitelanes_jax.maps.furnishing.signs import crossings
+    from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
     # The words are checked before the map is read, and --unique-tags is one of them.
@@ -266,8 +267,11 @@ def _furnish(options: argparse.Namespace) -> int:
         furnished = furnish(road_map, spec, seed=options.seed, lane_offset=lane_offset)
     with never_replacing(options.out):
         furnished.save(options.out)
+    warn_of_faults(str(options.out), furnished)
     placed = f"{pluralize(len(furnished.objects or ()), 'object')} in {options.out}"
-    if spec.signs != "none" and not crossings(furnished.codes):
-        placed += "; no signs, because the map has no crossing"
+    arms = crossings(furnished.codes)
+    if spec.signs != "none" and not any(has_free_corners(furnished.codes, tile) for tile in arms):
+        why = "each crossing has a road at a corner" if arms else "the map has no crossing"
+        placed += f"; no signs, because {why}"
     say(placed)
     return 0

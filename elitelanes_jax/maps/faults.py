@@ -1,8 +1,9 @@
 """What does not fit in a map that somebody drew or changed by hand.
 
-The faults are roads that end, and signs of other crossings.
+The faults are roads that end, signs of other roads, and crossings and streets that lack signs.
 """
 
+from math import floor
 from typing import NamedTuple
 
 import numpy as np
@@ -13,14 +14,16 @@ from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import crossing_of, heading_of_reader
-from elitelanes_jax.lanes.links import ends_of_roads
+from elitelanes_jax.lanes.links import Cell, ends_of_roads
 from elitelanes_jax.maps.furnishing.signs import (
     CONTROLS,
+    LIGHT,
     TOPOLOGIES,
     crossings,
     has_free_corners,
     topology_sign,
 )
+from elitelanes_jax.maps.furnishing.street_names import street_name_faults
 
 
 def warn_of_faults(name: str, road_map: RoadMap) -> None:
@@ -39,58 +42,104 @@ def _ends_of_roads(codes: Int8[np.ndarray, "H W"]) -> list[str]:
 
 
 class SignFaults(NamedTuple):
-    """How the signs and lights of a map differ from what its crossings need.
+    """How the signs and lights of a map differ from what its crossings and streets need.
+
+    Crossings lack signs only if the map has signs of crossings, and streets lack names only if the
+    map has street names.
 
     Attributes:
-      signs: the number of signs and lights of crossings.
-      wrong: the number of signs and lights that fit no crossing.
+      signs: the number of signs and lights of crossings, and of street names.
+      wrong: the number of signs and lights that fit no crossing or road, or are on a road.
       crossings: the number of crossings.
-      bare: the number of crossings that have room for signs and none, on a map that has signs.
+      lacking: the number of crossings that have room for signs, and lack one at a stop line.
+      without_room: the number of crossings that lack signs, and have no room for them.
+      nameless: the number of roads and turns that have room for a street name and none.
     """
 
     signs: int
     wrong: int
     crossings: int
-    bare: int
+    lacking: int
+    without_room: int
+    nameless: int
 
 
 def count_sign_faults(road_map: RoadMap) -> SignFaults:
-    """Counts the signs that do not fit the crossings, and the crossings without signs.
+    """Counts the signs that do not fit the roads, and the crossings and roads that lack signs.
 
-    Crossings without signs count if other crossings have signs.
+    A stop line needs one sign of each class that the map has: topologies, and controls. A map may
+    have lights without signs. Then its crossings lack none.
     """
     arms = crossings(road_map.codes)
-    # A crossing without free corners has no room for signs, so it cannot lack them.
-    bare = {tile for tile in arms if has_free_corners(road_map.codes, tile)}
-    kinds = {*CONTROLS, *TOPOLOGIES, "trafficlight"}
-    signs = [item for item in road_map.objects or () if item.kind in kinds]
+    objects = road_map.objects or ()
+    signs = [item for item in objects if _class_of(item) or item.kind == LIGHT]
     wrong = 0
+    # The classes of the signs at each stop line: the crossing, and the side of the road.
+    present: set[tuple[Cell, int, str]] = set()
     for sign in signs:
         tile = crossing_of(sign, arms)
-        # Even a wrong sign shows that somebody signed this crossing.
-        bare.discard(tile)
-        if tile is None or not _fits(sign, arms[tile]):
+        if tile is None or _is_on_road(sign, road_map.codes) or not _fits(sign, arms[tile]):
             wrong += 1
-    # A map may have lights without signs. Then its crossings lack no signs.
-    has_signs = any(sign.kind != "trafficlight" for sign in signs)
-    return SignFaults(len(signs), wrong, len(arms), len(bare) if has_signs else 0)
+        else:
+            present.add((tile, (heading_of_reader(sign) + 2) % 4, _class_of(sign)))
+    classes = {_class_of(sign) for sign in signs} - {""}
+    lacking = without_room = 0
+    for tile, sides in arms.items():
+        needed = {(tile, side, name) for side in sides for name in classes}
+        if needed <= present:
+            continue
+        if has_free_corners(road_map.codes, tile):
+            lacking += 1
+        else:
+            without_room += 1
+    names = street_name_faults(road_map.codes, objects)
+    return SignFaults(
+        signs=len(signs) + names.signs,
+        wrong=wrong + names.wrong,
+        crossings=len(arms),
+        lacking=lacking,
+        without_room=without_room,
+        nameless=names.missing,
+    )
 
 
 def _wrong_signs(road_map: RoadMap) -> list[str]:
-    """Says how many signs do not fit the crossings, and how many crossings have no signs.
-
-    Crossings without signs count if other crossings have signs.
-    """
+    """Says which signs do not fit the roads, and how many crossings and streets lack signs."""
     faults = count_sign_faults(road_map)
     parts = []
     if faults.wrong:
         verb = "does" if faults.wrong == 1 else "do"
-        parts.append(f"{faults.wrong} of {faults.signs:,} signs {verb} not fit the crossings")
-    if faults.bare:
-        parts.append(f"{pluralize(faults.bare, 'crossing')} of {faults.crossings} without signs")
-    if not parts:
-        return []
-    return [f"{' and '.join(parts)}, furnish places signs again"]
+        parts.append(f"{faults.wrong} of {faults.signs:,} signs {verb} not fit the roads")
+    if faults.lacking:
+        verb = "lacks" if faults.lacking == 1 else "lack"
+        parts.append(f"{faults.lacking} of {pluralize(faults.crossings, 'crossing')} {verb} signs")
+    if faults.nameless:
+        verb = "lacks" if faults.nameless == 1 else "lack"
+        parts.append(f"{pluralize(faults.nameless, 'street')} {verb} a name")
+    texts = []
+    if parts:
+        texts.append(f"{' and '.join(parts)}, furnish places signs again")
+    if faults.without_room:
+        verb = "has" if faults.without_room == 1 else "have"
+        texts.append(
+            f"{faults.without_room} of {pluralize(faults.crossings, 'crossing')} {verb} "
+            "no room for signs, because a road is at a corner"
+        )
+    return texts
+
+
+def _class_of(item: MapObject) -> str:
+    """Returns the class of a sign of crossings; "" for other objects."""
+    if item.kind in TOPOLOGIES:
+        return "topology"
+    return "control" if item.kind in CONTROLS else ""
+
+
+def _is_on_road(sign: MapObject, codes: Int8[np.ndarray, "H W"]) -> bool:
+    """Returns whether the middle of a sign is on a tile with a road."""
+    row, column = floor(sign.y), floor(sign.x)
+    height, width = codes.shape
+    return 0 <= row < height and 0 <= column < width and codes[row, column] > 0
 
 
 def _fits(sign: MapObject, sides: list[int]) -> bool:
@@ -99,7 +148,7 @@ def _fits(sign: MapObject, sides: list[int]) -> bool:
     A driver at the end of an arm of the crossing has to read it, and it has to show that crossing.
     A traffic light always fits.
     """
-    if sign.kind == "trafficlight":
+    if sign.kind == LIGHT:
         return True
     heading = heading_of_reader(sign)
     if (heading + 2) % 4 not in sides:

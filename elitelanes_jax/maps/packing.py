@@ -158,7 +158,7 @@ def _announce_limits(spec: PackSpec, written: Sequence[RoadMap]) -> None:
 def _warn_of_removed_roads(
     towns: Sequence[_Town], written: Sequence[RoadMap], names: Sequence[str]
 ) -> None:
-    """Says which signs do not fit the crossings after the removal of roads that lead nowhere."""
+    """Says which signs do not fit the roads after the removal of roads that lead nowhere."""
     for town, road_map, name in zip(towns, written, names, strict=True):
         if not np.array_equal(road_map.codes, town.road_map.codes):
             warn_of_faults(name, road_map)

@@ -2,9 +2,9 @@
 import { readFileSync } from "node:fs";
 import { describe, expect, test } from "vitest";
 import type { Grid } from "../src/network/codes";
-import { crossingFaults } from "../src/network/crossingSigns";
 import type { MapObject, ObjectKinds } from "../src/network/objects";
-import { placeSigns, signFaults, type SignRules } from "../src/network/signs";
+import { isCrossingSign } from "../src/network/crossingSigns";
+import { placeSigns, signFaults, type SignFaults, type SignRules } from "../src/network/signs";
 import { gridOfText } from "./grids";
 
 type Fields = readonly [
@@ -19,11 +19,10 @@ type Fields = readonly [
 
 interface Case {
   readonly rows: string;
-  /** Whether the roads were changed after the objects were placed. */
+  /** Whether roads or objects were changed after the objects were placed. */
   readonly changed: boolean;
   readonly objects: readonly Fields[];
-  /** The crossings without signs, and the signs that no crossing needs. */
-  readonly faults: { readonly missing: number; readonly wrong: number };
+  readonly faults: SignFaults;
   readonly placed: readonly Fields[];
 }
 
@@ -31,6 +30,8 @@ const read = (url: string): unknown => JSON.parse(readFileSync(new URL(url, impo
 const { tags, streets, cases } = read("../../tests/sign_cases.json") as SignRules & { cases: Case[] };
 const { kinds } = read("cases.json") as { kinds: ObjectKinds };
 const rules: SignRules = { kinds, tags, streets };
+
+const none: SignFaults = { crossings: 0, withoutRoom: 0, streets: 0, wrong: 0 };
 
 const objectOf = ([kind, x, y, angle, height, tag, isStatic]: Fields): MapObject => ({
   kind,
@@ -45,10 +46,12 @@ const objectOf = ([kind, x, y, angle, height, tag, isStatic]: Fields): MapObject
 test.each(cases)("signs are placed again on $rows, changed: $changed", ({ rows, changed, objects, faults, placed }) => {
   const grid = gridOfText(rows);
   const before = objects.map(objectOf);
-  expect(crossingFaults(grid, before)).toEqual(faults);
-  const after = placeSigns(grid, before, rules).objects;
+  expect(signFaults(grid, before, rules) ?? none).toEqual(faults);
+  const { objects: after, withoutRoom } = placeSigns(grid, before, rules);
   expect(after).toEqual(placed.map(objectOf));
-  expect(signFaults(grid, after, rules)).toBeNull();
+  // A map without signs needs none, even if a road took the room of all that it had.
+  const hasSigns = after.some(isCrossingSign);
+  expect(signFaults(grid, after, rules) ?? none).toEqual({ ...none, withoutRoom: hasSigns ? withoutRoom : 0 });
   if (!changed) {
     expect(after).toEqual(before);
     expect(signFaults(grid, before, rules)).toBeNull();
@@ -71,8 +74,8 @@ describe("faults", () => {
   test("signs at a crossing that is gone are out of place, and a light", () => {
     const straight = gridOfText("000/555/000");
     expect(signFaults(crossing, signs, rules)).toBeNull();
-    expect(signFaults(straight, [...signs, light], rules)).toEqual({ crossings: 0, streets: 0, wrong: 7 });
-    expect(placeSigns(straight, [...signs, light, duckie], rules)).toEqual({ objects: [duckie], inTheWay: 0 });
+    expect(signFaults(straight, [...signs, light], rules)).toEqual({ ...none, wrong: 7 });
+    expect(placeSigns(straight, [...signs, light, duckie], rules).objects).toEqual([duckie]);
   });
 
   test("signs of a crossing that has other sides are out of place", () => {
@@ -83,18 +86,32 @@ describe("faults", () => {
 
   test("a new crossing has none", () => {
     const two = gridOfText("00000/57575/0a0a0");
-    expect(signFaults(two, signs, rules)).toEqual({ crossings: 1, streets: 0, wrong: 0 });
+    expect(signFaults(two, signs, rules)).toEqual({ ...none, crossings: 1 });
   });
 
-  test("a crossing with a road at a corner needs none", () => {
-    expect(signFaults(gridOfText("50000/57575/0a0a0"), signs, rules)).toEqual({ crossings: 1, streets: 0, wrong: 0 });
-    expect(signFaults(gridOfText("00000/57575/0a0a5"), signs, rules)).toBeNull();
+  test("a new arm and a stop line whose sign was deleted have none", () => {
+    expect(signFaults(gridOfText("0a0/5f5/0a0"), signs, rules)!.crossings).toBe(1);
+    for (const sign of signs) {
+      const others = signs.filter((other) => other !== sign);
+      expect(signFaults(crossing, others, rules)).toEqual({ ...none, crossings: 1 });
+      expect(placeSigns(crossing, others, rules).objects).toHaveLength(6);
+    }
+  });
+
+  test("a crossing with a road at a corner has no room for signs", () => {
+    const atCorner = gridOfText("50000/57575/0a0a0");
+    // Two of the six signs are on the road.
+    expect(signFaults(atCorner, signs, rules)).toEqual({ crossings: 1, withoutRoom: 1, streets: 0, wrong: 2 });
+    const { objects, withoutRoom } = placeSigns(atCorner, signs, rules);
+    expect([objects.length, withoutRoom]).toEqual([6, 1]);
+    expect(signFaults(atCorner, objects, rules)).toEqual({ ...none, withoutRoom: 1 });
+    expect(signFaults(gridOfText("00000/57575/0a0a5"), signs, rules)).toEqual({ ...none, withoutRoom: 1 });
   });
 
   test("a road without a street name, and a name without a road", () => {
     const street = gridOfText("000/555/000");
     const name: MapObject = { kind: "sign_street_name", x: 1.5, y: 5, angle: 0, height: 0.18, tag: 440 };
-    expect(signFaults(street, [name], rules)).toEqual({ crossings: 0, streets: 1, wrong: 1 });
+    expect(signFaults(street, [name], rules)).toEqual({ ...none, streets: 1, wrong: 1 });
     const { objects } = placeSigns(street, [name], rules);
     expect(objects).toMatchObject([{ kind: "sign_street_name", x: 1.5, y: 2.08 }]);
   });
@@ -102,6 +119,6 @@ describe("faults", () => {
   test("objects in the way of signs are counted and stay", () => {
     const house: MapObject = { kind: "house", x: 0.8, y: 0.8, angle: 0, height: 0.2 };
     const placed = placeSigns(crossing, [...signs, house], rules);
-    expect(placed).toEqual({ objects: [...signs, house], inTheWay: 1 });
+    expect(placed).toEqual({ objects: [...signs, house], inTheWay: 1, withoutRoom: 0 });
   });
 });

@@ -498,6 +498,19 @@ async function strokes(page, tiles, row) {
   await button(page, "Undo");
   const undone = await warning();
   await button(page, "Redo");
+  // A road beside the northern street takes the room for signs.
+  await button(page, "Road");
+  await page.mouse.move(...at(1, 0));
+  await page.mouse.down();
+  await page.mouse.move(...at(1, 6), { steps: 12 });
+  await page.mouse.up();
+  await settle(page);
+  const crowded = [await warning()];
+  await button(page, "Place them again");
+  await settle(page);
+  crowded.push(await warning(), [await page.textContent(".message")]);
+  await button(page, "Undo");
+  await button(page, "Undo");
   await button(page, "Repair");
   await button(page, "Cut");
   await button(page, "Tile");
@@ -507,7 +520,7 @@ async function strokes(page, tiles, row) {
   const ends = await page.textContent(".message");
   await button(page, "Plan");
   await settle(page);
-  seen.signs = { fits, stale, said, undone, ends, plan: await page.textContent(".message"), shelf };
+  seen.signs = { fits, stale, said, undone, crowded, ends, plan: await page.textContent(".message"), shelf };
   await page.context().close();
 }
 

@@ -338,6 +338,12 @@ def test_signs_that_do_not_fit_are_placed_again(seen, folder, furnished):
     ((words,),) = [signs["stale"]]
     assert re.fullmatch(r"Signs do not fit the roads: \d+ signs are out of place\.Place them again", words)
     assert signs["undone"] == signs["stale"]
+    (before,), (after,), (message,) = signs["crowded"]
+    room = r"(\d crossings have) no room for signs, because a road is at a corner"
+    assert before.endswith("Place them again")
+    # The crossings without signs are still counted, and no button promises them signs.
+    (crossings,) = re.fullmatch(rf"Signs do not fit the roads: {room}\.", after).groups()
+    assert re.fullmatch(rf"Signs placed again; {room}", message).groups() == (crossings,)
     saved = read_map(folder / "signs.json")
     codes = furnished.codes.copy()
     codes[2, 2] = 0

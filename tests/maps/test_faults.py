@@ -13,8 +13,8 @@ from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.road_map import read_maps, refresh
 from elitelanes_jax.formats.signals import _FAR, _distance, crossing_of
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.maps.faults import warn_of_faults
-from elitelanes_jax.maps.furnishing.signs import crossings
+from elitelanes_jax.maps.faults import count_sign_faults, warn_of_faults
+from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure, wfc
 from elitelanes_jax.network.plain_metrics import plain_town
@@ -49,10 +49,7 @@ def changed(road_map, **cells):
 
 
 def test_whole_maps_are_not_spoken_of(capsys):
-    """Whatever furnish places fits, with every choice of lights and on maps that have no room for some signs."""
-    for number in range(30):
-        codes = wfc.generate_batch(np.random.default_rng(number), 1, (7, 8), border="closed").grid[0]
-        assert faults(furnish(codes, "signs=possible lights=0.5", seed=number), capsys) == ""
+    """Whatever furnish places fits, with every choice of lights."""
     for quarter_turns in range(4):
         for codes in (rotate(TOWN, quarter_turns), mirror(rotate(TOWN, quarter_turns))):
             assert faults(furnish(codes, "all lights=0.5", seed=quarter_turns), capsys) == ""
@@ -67,17 +64,55 @@ def test_whole_maps_are_not_spoken_of(capsys):
         ({"r0c0": 14}, "roads end at 1 tile, the first at row 0, column 0"),
         ({"r2c1": 0}, "roads end at 2 tiles, the first at row 2, column 0; "),
         # A crossing becomes a turn, and the road of another one goes.
-        ({"r2c4": 5, "r3c4": 0, "r4c4": 5}, "10 of 44 signs do not fit the crossings, furnish places signs again"),
-        # A T becomes a 4-way crossing: its six signs of the topology are those of a T.
+        ({"r2c4": 5, "r3c4": 0, "r4c4": 5}, "10 of 44 signs do not fit the roads, furnish places signs again"),
+        # A T becomes a 4-way crossing: its signs of the topology are those of a T, and its new arm has none.
         (
             {"r2c4": 15, "r1c4": 10, "r0c4": 7},
-            "3 of 44 signs do not fit the crossings and 1 crossing of 8 without",
+            "3 of 44 signs do not fit the roads and 2 of 8 crossings lack signs, furnish places signs again",
+        ),
+        # A road at the corners of crossings. Some of their signs are on that road.
+        (
+            {"r1c3": 6, "r1c4": 5, "r1c5": 5, "r1c6": 11, "r2c3": 13},
+            "8 of 44 signs do not fit the roads, furnish places signs again; "
+            "6 of 9 crossings have no room for signs, because a road is at a corner",
         ),
     ],
 )
 def test_what_no_longer_fits_is_said_once(capsys, cells, said):
     err = faults(changed(furnish(TOWN, "signs"), **cells), capsys)
     assert err.startswith("m: ") and said in err and err.count("\n") == 1
+
+
+def test_signs_that_were_deleted_are_missed(capsys):
+    """By hand in the editor, or in the file: any one sign. Other makers' maps may have no control at all."""
+    for thing in SIGNED.objects:
+        others = tuple(other for other in SIGNED.objects if other is not thing)
+        lacks = "m: 1 of 7 crossings lacks signs, furnish places signs again\n" if "sign" in thing.kind else ""
+        assert faults(replace(SIGNED, objects=others), capsys) == lacks
+    topologies = tuple(thing for thing in SIGNED.objects if "intersect" in thing.kind)
+    assert len(topologies) == 22 and faults(replace(SIGNED, objects=topologies), capsys) == ""
+
+
+def test_crossings_that_furnish_leaves_out_are_counted(capsys):
+    for number in range(30):
+        codes = wfc.generate_batch(np.random.default_rng(number), 1, (7, 8), border="closed").grid[0]
+        furnished = furnish(codes, "signs=possible lights=0.5", seed=number)
+        has_signs = any(thing.kind.startswith("sign") for thing in furnished.objects)
+        free = [tile for tile in crossings(codes) if has_free_corners(codes, tile)]
+        rest = len(crossings(codes)) - len(free)
+        assert has_signs == bool(free)
+        assert count_sign_faults(furnished)[1:] == (0, len(free) + rest, 0, rest * has_signs, 0)
+
+
+def test_street_names_that_are_missing_or_at_no_road_are_counted(capsys):
+    named = furnish(TOWN, "street_names")
+    assert faults(named, capsys) == ""
+    for thing in named.objects:
+        others = tuple(other for other in named.objects if other is not thing)
+        assert faults(replace(named, objects=others), capsys) == (
+            "m: 1 street lacks a name, furnish places signs again\n"
+        )
+    assert "; 3 of 11 signs do not fit the roads, furnish" in faults(changed(named, r0c0=0, r0c1=0, r1c0=0), capsys)
 
 
 def test_a_map_without_signs_needs_none(capsys):
@@ -87,9 +122,9 @@ def test_a_map_without_signs_needs_none(capsys):
 def test_a_light_and_signs_beside_no_crossing_are_counted(capsys):
     things = [MapObject("trafficlight", 3, 3, 0, 0.4), MapObject("sign_stop", 3, 3, 0, 0.18)]
     loop = RoadMap([[6, 5, 3], [10, 0, 10], [12, 5, 9]], objects=things)
-    assert faults(loop, capsys) == "m: 2 of 2 signs do not fit the crossings, furnish places signs again\n"
+    assert faults(loop, capsys) == "m: 2 of 2 signs do not fit the roads, furnish places signs again\n"
     alone = RoadMap(loop.codes, objects=things[:1])
-    assert faults(alone, capsys) == "m: 1 of 1 signs does not fit the crossings, furnish places signs again\n"
+    assert faults(alone, capsys) == "m: 1 of 1 signs does not fit the roads, furnish places signs again\n"
 
 
 @pytest.mark.parametrize("kind", ["sign_stop", "trafficlight"])

@@ -157,7 +157,7 @@ def test_signs_of_a_crossing_that_is_removed_are_named(tmp_path, capsys):
     signed.save(file)
     options = ["--split", "1", "0", "0", "--to", "duckietown", "--dead-ends", "grass", "--out", str(tmp_path / "pack")]
     assert main(["pack", str(file), *options]) == 0
-    assert f"signed.json: {count} of {count} signs do not fit the crossings" in capsys.readouterr().err
+    assert f"signed.json: {count} of {count} signs do not fit the roads" in capsys.readouterr().err
 
 
 def test_the_first_map_with_a_part_that_a_program_cannot_use_is_named(monkeypatch):

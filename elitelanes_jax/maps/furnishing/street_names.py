@@ -8,8 +8,9 @@ tile's side and faces the road.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from math import atan2, dist, inf
+from collections.abc import Iterator, Mapping, Sequence
+from math import atan2, cos, dist, floor, hypot, inf
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int8
@@ -30,6 +31,8 @@ _CORNER = 0.28
 # The distance of a sign from the middle of a straight tile, in tiles. It is as far from the road's
 # tile as signs of crossings.
 _BESIDE = 0.58
+# The distance from its place up to which a sign belongs to that place, in tiles.
+_REACH = 0.3
 
 
 class Tags:
@@ -107,14 +110,8 @@ def place_street_names(space: Space, which: str, tags: Tags) -> None:
     "possible". Raises `InputError` for "all" if one does not fit, and if tags must be unique and
     there are not enough.
     """
-    links = linked_tiles(space.codes)
-    nodes = {tile for tile, neighbours in links.items() if len(neighbours) != 2}
-    for path in walk_roads(links, nodes):
-        # A ring ends with its first tile, which counts once. Crossings and dead ends have no street
-        # name.
-        road = [tile for tile in dict.fromkeys(path) if len(links[tile]) == 2]
+    for road, places in _list_roads(space.codes):
         # Each sign has several places. The first clear one is used.
-        places = _places_of_signs(space.codes, road)
         signs = []
         for alternatives in places:
             clear = next(filter(space.is_clear, alternatives), None)
@@ -130,6 +127,71 @@ def place_street_names(space: Space, which: str, tags: Tags) -> None:
         if signs:
             for sign in tags.name_street(signs):
                 space.add(sign)
+
+
+class StreetNameFaults(NamedTuple):
+    """How the street names of a map differ from what its roads need.
+
+    Attributes:
+      signs: the number of street names.
+      wrong: the number of street names that are at no road.
+      missing: the number of roads and turns that have room for a street name and none. It is 0 for
+        a map without street names.
+    """
+
+    signs: int
+    wrong: int
+    missing: int
+
+
+def street_name_faults(
+    codes: Int8[np.ndarray, "H W"], objects: Sequence[MapObject]
+) -> StreetNameFaults:
+    """Counts the street names of a map that are at no road, and the roads and turns without one."""
+    signs = [item for item in objects if item.kind == STREET_NAME]
+    if not signs:
+        return StreetNameFaults(0, 0, 0)
+    space = Space(codes)
+    for item in objects:
+        space.add(item)
+    by_cell: dict[Cell, list[MapObject]] = defaultdict(list)
+    for sign in signs:
+        by_cell[floor(sign.y), floor(sign.x)].append(sign)
+    fitting: set[MapObject] = set()
+    missing = 0
+    for _, places in _list_roads(codes):
+        for alternatives in places:
+            there = [sign for place in alternatives for sign in _signs_at(place, by_cell)]
+            fitting.update(there)
+            if not there and any(map(space.is_clear, alternatives)):
+                missing += 1
+    return StreetNameFaults(len(signs), sum(sign not in fitting for sign in signs), missing)
+
+
+def _signs_at(place: MapObject, by_cell: Mapping[Cell, list[MapObject]]) -> list[MapObject]:
+    """Returns the street names at a place. Somebody may have moved them by up to `_REACH`."""
+    signs = []
+    # Signs in farther cells are out of reach.
+    for row in range(floor(place.y - _REACH), floor(place.y + _REACH) + 1):
+        for column in range(floor(place.x - _REACH), floor(place.x + _REACH) + 1):
+            for sign in by_cell.get((row, column), ()):
+                is_near = hypot(sign.x - place.x, sign.y - place.y) <= _REACH
+                if is_near and cos(sign.angle - place.angle) > 0.5:
+                    signs.append(sign)
+    return signs
+
+
+def _list_roads(
+    codes: Int8[np.ndarray, "H W"],
+) -> Iterator[tuple[list[Cell], list[list[MapObject]]]]:
+    """Returns the tiles of each road between crossings, and the places of each of its signs."""
+    links = linked_tiles(codes)
+    nodes = {tile for tile, neighbours in links.items() if len(neighbours) != 2}
+    for path in walk_roads(links, nodes):
+        # A ring ends with its first tile, which counts once. Crossings and dead ends have no street
+        # name.
+        road = [tile for tile in dict.fromkeys(path) if len(links[tile]) == 2]
+        yield road, _places_of_signs(codes, road)
 
 
 def _places_of_signs(codes: Int8[np.ndarray, "H W"], road: list[Cell]) -> list[list[MapObject]]:

@@ -30,21 +30,25 @@ const TOPOLOGIES = [FOUR_WAYS, "sign_T_intersect", "sign_left_T_intersect", "sig
 const LIGHT = "trafficlight";
 const LIGHT_AHEAD = "sign_t_light_ahead";
 const STOP = "sign_stop";
-const SIGNS = [...TOPOLOGIES, STOP, LIGHT_AHEAD];
+const CONTROLS = [STOP, LIGHT_AHEAD];
+/** The classes of signs. A stop line needs one sign of each class that the map has. */
+const CLASSES = [TOPOLOGIES, CONTROLS];
+const SIGNS = CLASSES.flat();
 
 /** Returns whether an object is a sign of a crossing. */
 export const isCrossingSign = ({ kind }: MapObject): boolean => SIGNS.includes(kind);
 /** Returns whether an object is a traffic light. A map may have lights without signs. */
 export const isLight = ({ kind }: MapObject): boolean => kind === LIGHT;
 
+const hasRoad = ({ height, width, codes }: Grid, row: number, column: number): boolean =>
+  row >= 0 && row < height && column >= 0 && column < width && codes[row * width + column] > 0;
+
 function crossingsOf(grid: Grid): Crossing[] {
-  const { height, width, codes } = grid;
-  const hasRoad = (row: number, column: number): boolean =>
-    row >= 0 && row < height && column >= 0 && column < width && codes[row * width + column] > 0;
+  const { width } = grid;
   return linksOf(grid).flatMap((sides, cell) => {
     if (sides.length < 3) return [];
     const [row, column] = [Math.floor(cell / width), cell % width];
-    const corners = [-1, 1].flatMap((down) => [-1, 1].map((right) => hasRoad(row + down, column + right)));
+    const corners = [-1, 1].flatMap((down) => [-1, 1].map((right) => hasRoad(grid, row + down, column + right)));
     return [{ row, column, sides, isFree: !corners.includes(true) }];
   });
 }
@@ -83,44 +87,62 @@ function fits(thing: MapObject, crossing: Crossing): boolean {
   return isAtArm && (!TOPOLOGIES.includes(thing.kind) || thing.kind === topologyFor(crossing, heading));
 }
 
-/**
- * Returns the number of crossings that have room for signs and none, and of the signs and lights that no crossing needs.
- * A map without signs needs none.
- */
-export function crossingFaults(grid: Grid, objects: readonly MapObject[]): { missing: number; wrong: number } {
+/** How the signs and lights at crossings differ from what the crossings need. */
+export interface CrossingFaults {
+  /** The number of crossings that have room for signs, and lack one at a stop line. */
+  readonly lacking: number;
+  /** The number of crossings that lack signs, and have no room for them. */
+  readonly withoutRoom: number;
+  /** The number of signs and lights that fit no crossing, or are on a road. */
+  readonly wrong: number;
+}
+
+/** Counts the signs and lights that fit no crossing, and the crossings without signs. A map without signs needs none. */
+export function crossingFaults(grid: Grid, objects: readonly MapObject[]): CrossingFaults {
   const things = objects.filter((thing) => isCrossingSign(thing) || isLight(thing));
-  if (!things.length) return { missing: 0, wrong: 0 };
+  if (!things.length) return { lacking: 0, withoutRoom: 0, wrong: 0 };
   const crossings = crossingsOf(grid);
-  const bare = new Set(crossings.filter(({ isFree }) => isFree));
+  const isWrong = (thing: MapObject, crossing: Crossing | null): boolean =>
+    !crossing || hasRoad(grid, Math.floor(thing.y), Math.floor(thing.x)) || !fits(thing, crossing);
+  const signsOf = new Map(crossings.map((crossing) => [crossing, [] as MapObject[]]));
   let wrong = 0;
   for (const thing of things) {
     const crossing = crossingOf(thing, crossings);
-    if (crossing) bare.delete(crossing);
-    if (!crossing || !fits(thing, crossing)) wrong++;
+    if (isWrong(thing, crossing)) wrong++;
+    else signsOf.get(crossing!)!.push(thing);
   }
-  return { missing: things.some(isCrossingSign) ? bare.size : 0, wrong };
+  const classes = CLASSES.filter((kinds) => things.some(({ kind }) => kinds.includes(kind)));
+  const needy = crossings.filter((crossing) =>
+    crossing.sides.some((side) => {
+      const signs = signsOf.get(crossing)!.filter((sign) => (headingOf(sign) + 2) % 4 === side);
+      return !classes.every((kinds) => signs.some(({ kind }) => kinds.includes(kind)));
+    }),
+  );
+  const lacking = needy.filter(({ isFree }) => isFree).length;
+  return { lacking, withoutRoom: needy.length - lacking, wrong };
 }
 
 /**
  * Returns the signs of all crossings that have room, without tags, and the traffic lights among `objects` that stand at
- * such a crossing. A map without signs gets none.
+ * such a crossing. A map without signs gets none. `withoutRoom` is the number of the other crossings.
  */
 export function crossingSigns(
   grid: Grid,
   objects: readonly MapObject[],
   kinds: ObjectKinds,
-): { signs: MapObject[]; lights: MapObject[] } {
+): { signs: MapObject[]; lights: MapObject[]; withoutRoom: number } {
   const crossings = crossingsOf(grid);
   const free = crossings.filter(({ isFree }) => isFree);
   const lights = objects.filter(isLight);
   const crossingsOfLights = lights.map((light) => crossingOf(light, crossings));
   const lightsAt = free.map((crossing) => lights.filter((_, index) => crossingsOfLights[index] === crossing));
-  const needy = objects.some(isCrossingSign) ? free : [];
+  const hasSigns = objects.some(isCrossingSign);
+  const needy = hasSigns ? free : [];
   const signs = needy.flatMap((crossing, index) => {
     const control = lightsAt[index].length ? LIGHT_AHEAD : STOP;
     return crossing.sides.flatMap((side) => signsFor(crossing, (side + 2) % 4, control, kinds));
   });
-  return { signs, lights: lightsAt.flat() };
+  return { signs, lights: lightsAt.flat(), withoutRoom: hasSigns ? crossings.length - free.length : 0 };
 }
 
 /** Returns the two signs that a driver reads who enters a crossing with a heading. */

@@ -15,8 +15,10 @@ export interface SignRules {
 
 /** How the signs of a map differ from what its roads need. */
 export interface SignFaults {
-  /** The number of crossings with room for signs and without one. */
+  /** The number of crossings that have room for signs, and lack one at a stop line. */
   readonly crossings: number;
+  /** The number of crossings that lack signs, and have no room for them. */
+  readonly withoutRoom: number;
   /** The number of roads and turns with room for a street name and without one. */
   readonly streets: number;
   /** The number of signs and traffic lights that no crossing and no road needs. */
@@ -25,29 +27,29 @@ export interface SignFaults {
 
 /** Returns the faults of the signs on a map, or null if they fit its roads. */
 export function signFaults(grid: Grid, objects: readonly MapObject[], { kinds }: SignRules): SignFaults | null {
-  const ofCrossings = crossingFaults(grid, objects);
+  const { lacking, withoutRoom, wrong } = crossingFaults(grid, objects);
   const ofStreets = streetFaults(grid, objects, kinds);
-  const wrong = ofCrossings.wrong + ofStreets.wrong;
-  const fits = !wrong && !ofCrossings.missing && !ofStreets.missing;
-  return fits ? null : { crossings: ofCrossings.missing, streets: ofStreets.missing, wrong };
+  const faults = { crossings: lacking, withoutRoom, streets: ofStreets.missing, wrong: wrong + ofStreets.wrong };
+  return Object.values(faults).some(Boolean) ? faults : null;
 }
 
 /**
  * Returns the objects of a map with new signs: at crossings if it has signs there, and of streets if it has names.
  *
  * Traffic lights stay at crossings that have room for signs. All other objects stay. `inTheWay` is the number of other
- * objects that a new sign overlaps.
+ * objects that a new sign overlaps. `withoutRoom` is the number of crossings that get no signs, because a road is at one
+ * of their corners.
  */
 export function placeSigns(
   grid: Grid,
   objects: readonly MapObject[],
   { kinds, tags, streets }: SignRules,
-): { objects: MapObject[]; inTheWay: number } {
+): { objects: MapObject[]; inTheWay: number; withoutRoom: number } {
   const others = objects.filter((thing) => !isCrossingSign(thing) && !isLight(thing) && !isStreetName(thing));
   const used = new UsedTags(others);
-  const { signs, lights } = crossingSigns(grid, objects, kinds);
+  const { signs, lights, withoutRoom } = crossingSigns(grid, objects, kinds);
   const placed = [...signs.map((sign) => used.give(sign, tags[sign.kind])), ...lights];
   if (objects.some(isStreetName)) placed.push(...streetNames(grid, [...placed, ...others], kinds, streets, used));
   const inTheWay = new Set(placed.flatMap((sign) => objectsInTheWay(sign, others, kinds))).size;
-  return { objects: [...placed, ...others], inTheWay };
+  return { objects: [...placed, ...others], inTheWay, withoutRoom };
 }

@@ -21,12 +21,15 @@ export function SignNote({ grid, objects, onObjects }: Props) {
     const placed = placeSigns(grid, objects, data.objects);
     onObjects!(placed.objects);
     const inTheWay = placed.inTheWay ? `; ${counted(placed.inTheWay, "object is", "objects are")} in the way` : "";
-    say(`Signs placed again${inTheWay}`);
+    const room = placed.withoutRoom ? `; ${wordsForRoom(placed.withoutRoom)}` : "";
+    say(`Signs placed again${room}${inTheWay}`);
   };
+  // Signs cannot be placed at a crossing that has no room for them.
+  const canPlace = faults.crossings + faults.streets + faults.wrong > 0;
   return (
     <div class="warning" role="group" aria-label="Signs">
       <p>Signs do not fit the roads: {wordsFor(faults)}.</p>
-      {onObjects && (
+      {onObjects && canPlace && (
         <button type="button" onClick={place}>
           Place them again
         </button>
@@ -35,11 +38,15 @@ export function SignNote({ grid, objects, onObjects }: Props) {
   );
 }
 
-function wordsFor({ crossings, streets, wrong }: SignFaults): string {
+function wordsFor({ crossings, streets, withoutRoom, wrong }: SignFaults): string {
   const parts = [
     wrong && `${counted(wrong, "sign is", "signs are")} out of place`,
-    crossings && `${counted(crossings, "crossing has", "crossings have")} none`,
+    crossings && `${counted(crossings, "crossing lacks", "crossings lack")} signs`,
     streets && `${counted(streets, "road or turn has", "roads or turns have")} no name`,
+    withoutRoom && wordsForRoom(withoutRoom),
   ];
   return parts.filter(Boolean).join(", ");
 }
+
+const wordsForRoom = (crossings: number): string =>
+  `${counted(crossings, "crossing has", "crossings have")} no room for signs, because a road is at a corner`;
