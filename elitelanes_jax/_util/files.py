@@ -13,6 +13,7 @@ from math import isfinite
 from pathlib import Path
 from shutil import copymode
 from typing import NoReturn
+from unicodedata import normalize
 
 from elitelanes_jax._util.checks import check_unique
 from elitelanes_jax._util.errors import InputError, reason, shorten
@@ -26,6 +27,15 @@ _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*"|'[^'\n]*')[ \t]*+\.
 
 # The file that `never_replacing` protects.
 _KEPT: ContextVar[Path | None] = ContextVar("kept", default=None)
+
+
+def file_key(name: str) -> str:
+    """Returns a text that two names share if they name the same file on some file systems.
+
+    Such file systems ignore case, or how letters with accents are encoded.
+    """
+    # The case may change the form of a letter, so the form is set again.
+    return normalize("NFC", normalize("NFC", name).casefold())
 
 
 def read_bytes(file: str | Path, limit: int) -> bytes:

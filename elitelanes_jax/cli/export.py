@@ -10,7 +10,7 @@ from jaxtyping import Int8
 
 from elitelanes_jax._util.checks import ends_as_file, nonblank, path
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
-from elitelanes_jax._util.files import never_replacing, write_atomic
+from elitelanes_jax._util.files import file_key, never_replacing, write_atomic
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax._util.types import UserValue
@@ -197,14 +197,19 @@ def _names(files: Sequence[Path]) -> dict[Path, str]:
     stems = [_stem(file) for file in files]
     folders_and_names = [stem.relative_to(stem.anchor).parts for stem in stems]
     names: list[str] = []
+    keys: list[str] = []
     for count in range(1, max(map(len, folders_and_names)) + 1):
         # With each round the names have one more folder.
         names = ["-".join(parts[-count:]) for parts in folders_and_names]
-        if len(set(names)) == len(names):
+        keys = list(map(file_key, names))
+        if len(set(keys)) == len(keys):
             return dict(zip(files, names, strict=True))
     # Even all folders do not tell these maps apart, for example if only their suffixes differ.
-    second = next(index for index in range(len(names)) if names[index] in names[:index])
+    second = next(index for index in range(len(keys)) if keys[index] in keys[:index])
+    first = keys.index(keys[second])
     got = f"two for {stems[second].name}"
+    if names[first] != names[second]:
+        got += f" on file systems that ignore case; the other is {files[first]}"
     raise InputError(f"{files[second]}: expected maps of different names, got {got}")
 
 

@@ -91,6 +91,11 @@ def test_sumo_has_four_files_for_each_map(maps, tmp_path):
         ("a.json maps/0/map.json maps/1/map.json", "0 1 a"),
         ("a/maps/0/map.json b/maps/0/map.json b/maps/1/map.json", "a-maps-0 b-maps-0 b-maps-1"),
         ("a.json a/a.json", "a-a TOP-a"),
+        # Some file systems ignore case, or how an accent is encoded.
+        ("x/Town.json y/town.json", "x-Town y-town"),
+        ("x/stra\u00dfe.json y/STRASSE.json", "x-stra\u00dfe y-STRASSE"),
+        ("x/z\u00fcrich.json y/zu\u0308rich.json", "x-z\u00fcrich y-zu\u0308rich"),
+        ("x/T/0/map.json y/t/0/map.json z/u/0/map.json", "x-T-0 y-t-0 z-u-0"),
     ],
 )
 def test_names_have_the_folders_that_tell_maps_apart(files, written, tmp_path, monkeypatch):
@@ -109,9 +114,17 @@ def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
     same, strange = (str(tmp_path / "maps" / name) for name in ("0000.json", "a\nmap.json"))
     Path(same).write_text('{"codes": [[6, 3], [12, 9]]}')
     Path(strange).write_text('{"codes": [[4, 1], [0, 0]]}')
+    alike = [str(tmp_path / "maps" / name) for name in ("town.json", "Town.json")]
+    for file in alike:
+        RoadMap(LOOP).save(file)
     for options, message in (
         ([*maps, "--to", "sumo", "--out", out + ".Nod.xml"], "--out: expected a folder, got "),
         ([*maps, same, "--to", "movingai"], "expected maps of different names, got two for 0000"),
+        (
+            [*alike, "--to", "usd"],
+            f"{alike[1]}: expected maps of different names, got two for Town on file systems that ignore case; "
+            f"the other is {alike[0]}",
+        ),
         ([maps[0], strange, "--to", "duckietown"], r"a\nmap.json: grid: expected tiles with two or more"),
     ):
         assert main(["export", "--out", out, *options]) == 2
