@@ -4,7 +4,7 @@ The runs that write them can be killed at any moment and resumed. Unfinished wor
 hidden folder next to the output folder, ``.NAME-unfinished``. Of a name longer than 243 bytes, the
 start and a digest are in the hidden name. The hidden folder has:
 
-- ``lock`` is held by the process that works. The system releases it when the process ends.
+- ``lock`` is held by the process that works, see `FolderLock`.
 - ``settings.json`` has what the work depends on.
 - ``kept`` has what the next run resumes from.
 - ``files`` has the files so far. At the end the folder is renamed to the output folder.
@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import copy_mode, read_json, unwritable_error, write_json
+from elitelanes_jax._util.locks import FolderLock
 from elitelanes_jax._util.types import Plain
 
 # The entries of the hidden folder, see above.
@@ -86,8 +87,8 @@ def output_folder(
       inputs: paths that the work reads. A folder that contains one of them is not replaced.
       foreign: returns the first file in a folder that no earlier run wrote, or another reason not
         to replace the folder, and None if it may be replaced.
-      force: whether a folder is replaced if `foreign` returns None, and unfinished work with other
-        settings deleted.
+      force: whether a folder is replaced if `foreign` returns None, unfinished work with other
+        settings deleted, and a lock of a dead process on another host replaced.
       resume_files: whether the work resumes with the files of an earlier run; by default it starts
         without files.
 
@@ -114,7 +115,8 @@ def output_folder(
     is_complete = False
     try:
         check_renamable(asked)
-        with locked(hidden, asked):
+        # Where no folder is replaced, the caller has no option `force`.
+        with locked(hidden, asked, force=None if foreign is None else force):
             _settle(hidden, out)
             _check_replaceable(asked, out, inputs, foreign, force)
             try:
@@ -187,46 +189,25 @@ def settle(out: str | Path) -> None:
 
 
 @contextmanager
-def locked(folder: Path, asked: str | Path) -> Iterator[None]:
-    """Locks a folder, so that only one process at a time works in it.
+def locked(folder: Path, asked: str | Path, *, force: bool | None = None) -> Iterator[None]:
+    """Locks a folder, so that only one process at a time works in it; see `FolderLock`.
 
     A second process gets an `InputError` that names `asked`. The folder and its parents are made if
     they do not exist, and those that were made are removed at the end if they are empty. The block
     may remove the folder.
     """
-    # Imported here, because loading it takes 50 ms.
-    from filelock import FileLock, Timeout
-
-    lock = FileLock(folder / _LOCK)
+    lock = FolderLock(folder / _LOCK)
     # The folders that are made here, the deepest one first.
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            lock.acquire(blocking=False)
-        except Timeout:
-            raise InputError(f"{asked}: expected no other run at work in it, got one") from None
+            lock.acquire(asked, force)
         except OSError as error:
             raise unwritable_error(asked, error) from None
         yield
     finally:
-        with suppress(OSError, Timeout):
-            if folder.is_dir():
-                # An interruption may have come after the lock's file was made and before it was
-                # locked. The file is removed then too. If another process holds the lock, this
-                # raises Timeout, and the file stays.
-                lock.acquire(blocking=False)
-                try:
-                    # Windows deletes no open file; there the release deletes it.
-                    with suppress(OSError):
-                        (folder / _LOCK).unlink()
-                finally:
-                    # Each call of `acquire` counts. `force` releases the lock at once, because a
-                    # process that was interrupted may continue.
-                    lock.release(force=True)
-            else:
-                # The block has removed the folder with the lock's file.
-                lock.release(force=True)
+        lock.release()
         # A folder with files stays.
         for path in missing:
             with suppress(OSError):
@@ -391,6 +372,9 @@ def _resume(
     write_json(hidden / _SETTINGS, settings)
     for folder in (files, kept):
         folder.mkdir(exist_ok=True)
+    # A process that was killed may have locked a folder within `kept`, and it is dead.
+    for lock in kept.rglob(_LOCK):
+        lock.unlink()
     if not resume_files:
         _clear(files)
     # A kill leaves the part of a file that was written.

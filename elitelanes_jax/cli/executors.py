@@ -83,7 +83,7 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
         # alone, so the jobs are next to the output folder.
         jobs = options.out.absolute().parent / f".{options.out.name}-jobs"
         # A second command for the same output folder must not remove the jobs of the first one.
-        with locked(jobs, options.out), _keeping_logs(jobs):
+        with locked(jobs, options.out, force=options.force), _keeping_logs(jobs):
             yield Pool(_open_submitit(options.slurm, jobs), options.parts)
     elif options.parts is not None:
         # Without an executor, this process does all the work, and parts would have no meaning.

@@ -1,6 +1,7 @@
 // Clicks through pages in Chromium and prints what it saw as JSON: `node browser.mjs FOLDER`. The folder holds run.html,
 // big.html, own.html, float.html, photo64.html, photo32.html, hostile.html, furnished.html, sizes.html, objects.json,
 // town.yaml, large.json, large.yaml; saved files go there too.
+import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { browser, require } from "./chromium.mjs";
@@ -50,6 +51,37 @@ const settle = (page) => page.evaluate(() => new Promise((done) => requestAnimat
   seen.strict = errors.length;
   seen.refused = await page.evaluate(() => fetch("data:text/plain,x").then(() => "sent", () => "refused"));
   await context.close();
+}
+
+// In a frame without an origin, as programs that show a page within their own make it.
+{
+  seen.frames = [];
+  const html = readFileSync(join(folder, "run.html"), "utf8");
+  for (const kind of ["srcdoc", "sandboxed", "blob", "data"]) {
+    const context = await browser.newContext();
+    const page = await context.newPage();
+    page.on("pageerror", (error) => seen.console.push(`${kind} error: ${error.message}`));
+    page.on("console", (message) => seen.console.push(`${kind} ${message.type()}: ${message.text()}`));
+    await page.evaluate(([html, kind]) => {
+      const frame = document.createElement("iframe");
+      frame.width = frame.height = 900;
+      if (kind === "blob") frame.src = URL.createObjectURL(new Blob([html], { type: "text/html" }));
+      else if (kind === "data") frame.src = `data:text/html;charset=utf-8,${encodeURIComponent(html)}`;
+      else frame.srcdoc = html;
+      if (kind === "sandboxed") frame.sandbox = "allow-scripts";
+      document.body.append(frame);
+    }, [html, kind]);
+    const frame = page.frameLocator("iframe");
+    const names = [];
+    for (const view of ["Maps", "Draw", "Run", "Archive"]) {
+      await frame.getByRole("tab", { name: view }).click();
+      names.push(await frame.locator("[role=tab][aria-selected=true]").textContent());
+    }
+    await frame.locator(".cells").focus();
+    await frame.locator(".cells").press("ArrowRight");
+    seen.frames.push([...names, await frame.locator(".detail h2").count()]);
+    await context.close();
+  }
 }
 
 // The archive.

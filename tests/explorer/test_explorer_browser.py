@@ -119,6 +119,11 @@ def test_no_message_no_request_no_dialog(seen):
     assert seen["refused"] == "refused"
 
 
+def test_a_frame_without_an_origin_shows_all_views(seen):
+    """Nothing is said on the console, see the test above."""
+    assert seen["frames"] == [["Maps", "Draw", "Run", "Archive", 1]] * 4
+
+
 def test_the_archive_opens_by_click_and_keys_and_the_address_keeps_it(seen):
     archive = seen["archive"]
     clicked, walked = (re.search(r"niche=([\d-]+)", archive[key])[1] for key in ("clicked", "walked"))
