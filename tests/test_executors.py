@@ -749,6 +749,15 @@ def test_values_with_spaces_are_quoted(options, message, tmp_path, capsys, monke
     assert capsys.readouterr().err == f"elitelanes: --slurm: expected {message}\n"
 
 
+@pytest.mark.parametrize("out", ["%A_%a", "%j/maps", "half 50%"])
+def test_a_name_that_slurm_would_change_is_refused(out, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "submitit", Submitit)
+    assert main([*COMMAND, "--slurm", "cluster=local", "--out", str(tmp_path / out)]) == 2
+    expected = f"expected an output folder without % in its path, got {tmp_path / out}"
+    assert capsys.readouterr().err == f"elitelanes: --slurm: {expected}\n"
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_second_command_leaves_the_jobs_of_the_first(tmp_path, monkeypatch, capsys):
     jobs = tmp_path / ".maps-jobs"
     command = [*COMMAND, "--slurm", "cluster=local", "--out", str(tmp_path / "maps")]

@@ -82,6 +82,12 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
         # Submitit needs a folder that all hosts see. A temporary folder may belong to one host
         # alone, so the jobs are next to the output folder.
         jobs = options.out.absolute().parent / f".{options.out.name}-jobs"
+        # Submitit and SLURM replace %j, %A and others in the names of their files by the job's
+        # number, also in the names of folders.
+        if "%" in str(jobs):
+            raise InputError(
+                f"--slurm: expected an output folder without % in its path, got {options.out.absolute()}"
+            )
         # A second command for the same output folder must not remove the jobs of the first one.
         with locked(jobs, options.out, force=options.force), _keeping_logs(jobs):
             yield Pool(_open_submitit(options.slurm, jobs), options.parts)
