@@ -24,6 +24,7 @@ from elitelanes_jax.cli.executors import add_executors, open_pool
 from elitelanes_jax.cli.program import program_name, say
 
 if TYPE_CHECKING:
+    from elitelanes_jax._util.types import Plain
     from elitelanes_jax.formats.road_map import RoadMap
 
 _KEPT = "; the elites are kept: fewer maps need no new search, and more evaluations extend it"
@@ -253,4 +254,31 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
         count += f" of {wanted:,}"
     they_are = "it is" if len(maps) == 1 else "all of them"
     lines.append(f"{count} in {out / 'maps'}, {they_are} on {out / 'contact-sheet.png'}")
+    lines += _advice_on_crossings([dict(road_map.metrics or {}) for road_map in maps])
     return "\n".join(lines)
+
+
+def _advice_on_crossings(metrics: "Sequence[dict[str, Plain]]") -> list[str]:
+    """Says how many maps have no crossing, and what crossings an inventory has left."""
+    lines = []
+    counts = [figures["crossings"] for figures in metrics]
+    bare = counts.count(0)
+    if bare:
+        verb = "has" if bare == 1 else "have"
+        line = f"{bare} of {pluralize(len(counts), 'map')} {verb} no crossing"
+        # The user may have asked for such maps.
+        if bare < len(counts):
+            line += "; --where crossings=1.. asks for one"
+        lines.append(line)
+    # The names are those of `choose_maps`, which adds them with an inventory.
+    left = [
+        figures.get("crossings3_left", 0) + figures.get("crossings4_left", 0) for figures in metrics
+    ]
+    if any(left):
+        more = max(max(counts), min(counts) + 1)
+        span = f"{min(left)} to {max(left)}" if min(left) < max(left) else f"{max(left)}"
+        lines.append(
+            f"{span} of the shelf's {counts[0] + left[0]} crossings are left; "
+            f"--where crossings={more}.. asks for maps that use more"
+        )
+    return lines

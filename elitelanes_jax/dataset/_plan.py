@@ -198,7 +198,7 @@ class _Size(NamedTuple):
         # maps of another size, and later rounds may differ less.
         usable = choice.found - sum(choice.rejected.values())
         if not usable and not earlier:
-            hint = choice.hint(self.search.settings.method, self.shape)
+            hint = choice.hint(self.search)
             raise NotEnoughMapsError(choice.describe_shortage(self.wanted, hint, writable=False))
         # The search counts its seeds from 0 in each round, and the dataset counts them over all
         # rounds.

@@ -170,7 +170,12 @@ def _make_maps(
     smallest, largest = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
     sizes = smallest if smallest == largest else f"{smallest} to {largest}"
     views = pluralize(spec.views, "view")
-    announce(f"making a dataset of {pluralize(spec.maps, 'map')} of {sizes} tiles, {views} each")
+    made = f"making a dataset of {pluralize(spec.maps, 'map')} of {sizes} tiles, {views} each"
+    if spec.maps_from is None:
+        made += (
+            "; first the maps are evolved, which may take many minutes, and fewer --maps take less"
+        )
+    announce(made)
     try:
         maps: Sequence[RoadMap]
         if spec.maps_from is None:

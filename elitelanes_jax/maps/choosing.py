@@ -42,7 +42,7 @@ def choose_enough(
     enough = 1 if at_most else count
     if len(choice.maps) < enough:
         if hint is None:
-            hint = choice.hint(result.search.settings.method, result.search.shape)
+            hint = choice.hint(result.search)
         raise NotEnoughMapsError(choice.describe_shortage(count, hint))
     return choice
 

@@ -31,6 +31,7 @@ from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import LANE_OFFSET
+from elitelanes_jax.maps.furnishing.signs import crossings
 
 if TYPE_CHECKING:
     from elitelanes_jax.tiles.tileset import TileSet
@@ -120,12 +121,12 @@ def _duckiematrix(
 
 def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
     # Code 15 is the 4-way crossing.
-    crossings = np.argwhere(road_map.codes == 15).tolist()
-    if not crossings:
+    four_way = np.argwhere(road_map.codes == 15).tolist()
+    if not four_way:
         return []
-    row, column = crossings[0]
+    row, column = four_way[0]
     return [
-        f"duckietown-sdk 0.2.0 has no lanes on 4-way tiles, here {len(crossings)}, "
+        f"duckietown-sdk 0.2.0 has no lanes on 4-way tiles, here {len(four_way)}, "
         f"the first at row {row}, column {column}; "
         "generate --where crossings4=0..0 makes maps without them"
     ]
@@ -314,6 +315,16 @@ class FormatOptions(Record):
 
             settings["tiles"] = load_tiles(self.tiles)
         return settings
+
+    def limits(self, to: str, road_map: RoadMap) -> list[str]:
+        """Returns what the programs of a format cannot use of a map, or the format of a setting."""
+        limits = list(FORMATS[to].limits(road_map))
+        takes_rule = self.right_of_way is not None and "right_of_way" in FORMATS[to].takes
+        if takes_rule and not crossings(road_map.codes):
+            limits.append(
+                f"no right of way {self.right_of_way} is written, because the map has no crossing"
+            )
+        return limits
 
     def check_taken_by(self, *names: str) -> None:
         """Checks that each setting is one of a format among the names; raises `InputError`."""

@@ -149,7 +149,7 @@ def _announce_limits(spec: PackSpec, written: Sequence[RoadMap]) -> None:
         # The first part of each map that has one. A map counts once.
         limits: list[str] = []
         for road_map in written:
-            limits += FORMATS[to].limits(road_map)[:1]
+            limits += spec.formats.limits(to, road_map)[:1]
         if limits:
             share = f"{len(limits)} of {pluralize(len(written), 'map')}"
             announce_at_end(to, f"{share}, the first: {limits[0]}")

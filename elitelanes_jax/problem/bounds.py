@@ -313,6 +313,10 @@ def check_feasible(
             certain[COUNTED[kind]] = 0
         if lacking_kinds:
             maps += f" without {' and '.join(lacking_kinds)}"
+        if rules is not None and (min(shape) < 3 or max(shape) < 5):
+            # By the rules, straights are next to a crossing on three sides, and each leads to a
+            # further tile.
+            certain["crossings"] = 0
         check_ranges(where, find_bounds(shape, certain), maps)
 
 

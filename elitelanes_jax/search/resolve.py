@@ -29,7 +29,7 @@ from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search._layers import NOT_OF_LARGE, naming_origins
 from elitelanes_jax.search.settings import CUSTOM, METHODS, Settings, settings_from_plain
 from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.search.style import Style
+from elitelanes_jax.search.style import CROSSING, Style
 
 LARGE = 12
 """Maps whose shorter side is at least this long are large."""
@@ -135,17 +135,36 @@ def resolve(
         settings = merged.large
     if settings.alphabet is None:
         settings = replace(settings, alphabet=alphabet)
-    search = replace(_complete(settings, shape), inputs=spec.inputs)
+    search = replace(_with_crossings(_complete(settings, shape)), inputs=spec.inputs)
     # A message about a range that the user did not write says where the range comes from.
     origins = dict(merged.origins)
     for item in search.ranges:
-        if item not in settings.where:
+        if item not in search.settings.where:
             origins[f"where {item.name}"] = "inventory"
     with naming_origins(origins):
         _check_choices(settings)
         _check_shape(search, shape_name)
         _check_constraints(search, room_for)
     return search
+
+
+def _with_crossings(search: Search) -> Search:
+    """Asks for a crossing on small maps of the style `town`, if some map of the search may have one.
+
+    A user's range of `crossings` holds instead. Large towns have crossings without this.
+    """
+    is_asked = any(item.name == CROSSING.name for item in search.settings.where)
+    if search.settings.style != "town" or min(search.shape) >= LARGE or is_asked:
+        return search
+    settings = replace(search.settings, where=(*search.settings.where, CROSSING))
+    asking = _complete(settings, search.shape)
+    try:
+        _check_constraints(asking, "maps")
+    except InputError:
+        # The map is too small, or the tiles or the user's other options allow no crossing. An error
+        # of the user's options alone is raised later.
+        return search
+    return asking
 
 
 def plain_spec(spec: SearchSpec) -> dict[str, Plain]:

@@ -218,7 +218,7 @@ class Result:
         result = self.with_ranges(parse_ranges(where, self.search.settings.features))
         choice = result.choose(count)
         if len(choice.maps) < count:
-            hint = choice.hint(result.search.settings.method, result.search.shape)
+            hint = choice.hint(result.search)
             warn_user(choice.describe_shortage(count, hint, writable=False))
         return choice.maps
 

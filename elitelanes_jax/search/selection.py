@@ -21,6 +21,7 @@ from elitelanes_jax.problem.rules import map_constraints
 from elitelanes_jax.problem.targets import ExampleValues, SupportPoints
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.resolve import Search
+from elitelanes_jax.search.style import CROSSING
 
 _OUTSIDE = "outside the ranges"
 
@@ -73,17 +74,21 @@ class Choice(NamedTuple):
             text += "; at_most=True writes those found"
         return f"{text}; {hint} find more"
 
-    def hint(self, method: str, shape: tuple[int, int]) -> str:
-        """Returns what finds more maps ``(height, width)`` with a method."""
+    def hint(self, search: Search) -> str:
+        """Returns what finds more maps with a search."""
         if _OUTSIDE in self.rejected:
-            return "wider ranges, more seeds or evaluations"
-        if method == "ea":
+            wider = "wider ranges, more seeds or evaluations"
+            # The user may not know of the range that the style asks for.
+            if search.settings.style == "town" and CROSSING in search.ranges:
+                return f"where crossings=0.., which allows rings, {wider}"
+            return wider
+        if search.settings.method == "ea":
             # The population becomes more alike with time.
             return "more seeds"
         most_frequent = max(self.rejected, key=lambda reason: self.rejected[reason], default="")
         if most_frequent.endswith("the tile set lacks"):
             return "a tile set with more kinds of tiles, more seeds or evaluations"
-        if min(shape) < 4:
+        if min(search.shape) < 4:
             return "larger maps, more seeds or evaluations"
         return "more seeds or evaluations"
 

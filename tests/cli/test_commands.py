@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 from folders import files, read_picture
 
-from elitelanes_jax import SearchSpec, measure, use_compile_cache
+from elitelanes_jax import RoadMap, SearchSpec, measure, use_compile_cache
 from elitelanes_jax._util.interruption import catch_interrupts
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.cli import program
+from elitelanes_jax.cli.generate import _COLUMNS, describe_maps
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.road_map import map_to_json
 from elitelanes_jax.network import canonical_form
@@ -113,6 +114,31 @@ def test_another_seed_finds_other_maps_and_the_table_shows_them(generated, tmp_p
         f"elitelanes explore {out} --open shows all elites",
     ]
     assert captured.err == "evolving 3 maps of 5 x 6 tiles: ea, paper, 3 runs of 5 generations\n"
+
+
+@pytest.mark.parametrize(
+    ("crossings", "left", "said"),
+    [
+        ([2, 1, 4], None, []),
+        ([2, 0, 0], None, ["2 of 3 maps have no crossing; --where crossings=1.. asks for one"]),
+        ([0], None, ["1 of 1 map has no crossing"]),
+        (
+            [2, 5],
+            [3, 0],
+            ["0 to 3 of the shelf's 5 crossings are left; --where crossings=5.. asks for maps that use more"],
+        ),
+        ([2, 2], [3, 3], ["3 of the shelf's 5 crossings are left; --where crossings=3.. asks for maps that use more"]),
+        ([5, 5], [0, 0], []),
+    ],
+)
+def test_what_maps_have_few_of_is_said(crossings, left, said):
+    metrics = [dict.fromkeys(_COLUMNS, 0) | {"crossings": count} for count in crossings]
+    for figures, count in zip(metrics, left or [], strict=False):
+        figures |= {"crossings3_left": count, "crossings4_left": 0}
+    loop = np.array([[6, 3], [12, 9]], np.int8)
+    maps = [RoadMap(loop, metrics=figures, fitness=0.0) for figures in metrics]
+    lines = describe_maps(maps, len(maps), Path("out")).splitlines()
+    assert lines[len(maps) + 2 :] == said
 
 
 def test_a_quiet_command_prints_nothing(tmp_path, capsys):

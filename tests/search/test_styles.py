@@ -225,6 +225,37 @@ def test_large_towns_are_those_of_their_style():
     assert large.style == "town"
 
 
+def ranges_of_crossings(shape, **options):
+    search = resolve(SearchSpec(**{"style": "town"} | options), shape, room_for="maps")
+    assert search == stored(search) == resolve(plain(SearchSpec(**{"style": "town"} | options)), shape)
+    return [str(item) for item in search.ranges if item.name == "crossings"]
+
+
+def test_small_towns_have_a_crossing_where_there_is_room_for_one():
+    """In all 24 maps of 4 x 4 cells and all 9 of 3 x 4 cells that keep the rules there is none."""
+    for shape in ((3, 4), (2, 9), (4, 4), (12, 12), (12, 40)):
+        assert ranges_of_crossings(shape) == []
+    for shape in ((3, 5), (5, 3), (6, 6), (11, 11), (11, 40)):
+        assert ranges_of_crossings(shape) == ["crossings=1.."]
+    # What a user asks for holds, and what allows no crossing too.
+    for where in ("crossings=0", "crossings=0..", "crossings=2..", "crossings=..3"):
+        assert ranges_of_crossings((8, 8), where=where) == [where]
+    for options in (
+        {"where": "cyclomatic=1"},
+        {"where": "crossing_share=0"},
+        {"inventory": {"straight": 20, "turn": 10}},
+        {"alphabet": [3, 5, 6, 9, 10, 12]},
+    ):
+        assert ranges_of_crossings((8, 8), **options) == []
+    assert ranges_of_crossings((8, 8), inventory={"straight": 20, "turn": 10, "crossing3": 4}) == ["crossings=1.."]
+    for style in (None, "paper", Style("mine", {"rules": "duckietown"})):
+        assert ranges_of_crossings((8, 8), style=style) == []
+    with pytest.raises(InputError, match=r"^where 'crossings=1\.\.': expected a range with 0, which maps of 4 x 4"):
+        ranges_of_crossings((4, 4), where="crossings=1..")
+    with pytest.raises(InputError, match=r"^style 'town': where 'box_share=0\.8\.\.'|^where 'tiles=\.\.3'"):
+        ranges_of_crossings((8, 8), where="tiles=..3")
+
+
 def test_errors_name_the_origin_of_an_option_that_nobody_gave():
     for options, origin in (
         ({"where": "tiles=..3"}, "where"),
