@@ -1,14 +1,10 @@
 """The name of a cell of a map: letters and a number for people, an index in files and arrays."""
 
 
-def cell_name(row: int, column: int) -> str:
-    """Returns the name of a cell as people see it on a plan: letters for the column, and the row.
+def column_name(column: int) -> str:
+    """Returns the letters of a column: A to Z, then AA, AB and so on, as in a spreadsheet.
 
-    Columns are A to Z, then AA, AB and so on, as in a spreadsheet. Row 1 is the northern one.
-
-    Args:
-      row: the row's index, from 0.
-      column: the column's index, from 0.
+    `column` is the column's index, from 0.
     """
     letters = ""
     rest = column + 1
@@ -16,7 +12,19 @@ def cell_name(row: int, column: int) -> str:
         # A letter is a digit of base 26 without a zero.
         rest, digit = divmod(rest - 1, 26)
         letters = chr(ord("A") + digit) + letters
-    return f"{letters}{row + 1}"
+    return letters
+
+
+def cell_name(row: int, column: int) -> str:
+    """Returns the name of a cell as people see it on a plan: letters for the column, and the row.
+
+    Row 1 is the northern one.
+
+    Args:
+      row: the row's index, from 0.
+      column: the column's index, from 0.
+    """
+    return f"{column_name(column)}{row + 1}"
 
 
 def describe_cell(row: int, column: int) -> str:

@@ -29,12 +29,12 @@ def _show(options: argparse.Namespace) -> int:
 
     codes = read_map(options.map).codes
     (figures,) = measure_maps([str(options.map)], [codes])
-    drawn = draw_text(codes)
+    drawn = draw_text(codes, named=True)
     try:
         # Otherwise `say` would escape each character that the terminal lacks.
         drawn.encode(getattr(sys.stdout, "encoding", None) or "ascii")
     except UnicodeEncodeError:
-        drawn = draw_text(codes, ascii_only=True)
+        drawn = draw_text(codes, ascii_only=True, named=True)
     # The size comes first, and the file's name is left out, because the user has given it.
     words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]
     words += [

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Int8
 from numpy.typing import ArrayLike
 
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, is_real, real
 from elitelanes_jax._util.errors import InputError, brief, list_some, shorten
 from elitelanes_jax._util.types import Plain, UserValue
@@ -132,8 +133,8 @@ def check_roads(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
     grid = np.asarray(check_grid(codes))
     dead_ends = np.argwhere(CONNECTIONS[grid] == 1).tolist()
     if dead_ends:
-        places = [f"row {row}, column {column}" for row, column in dead_ends]
-        cells = list_some(places, 8, "; ")
+        places = [describe_cell(row, column) for row, column in dead_ends]
+        cells = list_some(places, 8)
         expected = "grid: expected tiles with two or more connections, as in Duckietown"
         hint = "dead_ends='grass' or without_dead_ends removes these roads"
         raise InputError(f"{expected}, got dead ends at {cells}; {hint}")
@@ -194,7 +195,7 @@ def _code_of(tile: Plain, row: int, column: int) -> int:
     if kind not in _CODE:
         kinds = ", ".join([*_ROADS, *GROUNDS])
         expected = f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W"
-        raise InputError(f"{expected}, got {brief(tile)} at row {row}, column {column}")
+        raise InputError(f"{expected}, got {brief(tile)} at {describe_cell(row, column)}")
     return _CODE[kind]
 
 

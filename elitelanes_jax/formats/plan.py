@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
@@ -140,4 +141,4 @@ def _check_ends(codes: NDArray[np.int8]) -> None:
             "map: expected tiles with two or more connections that their neighbours return, "
             "as Duckietown has"
         )
-        raise InputError(f"{expected}, got a dead end at row {row}, column {column}")
+        raise InputError(f"{expected}, got a dead end at {describe_cell(row, column)}")

@@ -13,6 +13,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, NamedTuple
 
+from elitelanes_jax._util.cells import cell_name, column_name
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
@@ -194,7 +195,11 @@ def _draw_legend(ax: Untyped, plan: "Plan", left: float, top: float) -> None:
     _draw_tiles(ax, samples, plan.tile_size, _SAMPLE)
     for kind, turns, x, y in samples:
         _write(ax, x + _SAMPLE / 2, y + _SAMPLE + 4, _tile_name(kind, turns), ha="center")
-    words = "Angles are counter-clockwise.\nN is up; the floor may lie any way."
+    words = (
+        "Angles are counter-clockwise.\n"
+        "N is up; the floor may lie any way.\n"
+        "Files call A1 row 0, column 0."
+    )
     x, y = left + len(samples) * pitch, top + _SAMPLE / 2
     _write(ax, x, y, words, va="center", color=_FAINT)
 
@@ -214,15 +219,16 @@ def _draw_map(ax: Untyped, plan: "Plan", left: float, top: float, tile: float, e
         tiles.append((kind, turns, left + column * tile, top + row * tile))
     _draw_tiles(ax, tiles, plan.tile_size, tile)
     for row in range(rows):
-        _write(ax, left - edge - 4, top + (row + 0.5) * tile, str(row), ha="right", va="center")
+        _write(ax, left - edge - 4, top + (row + 0.5) * tile, str(row + 1), ha="right", va="center")
         ax.plot([left, right], [top + row * tile] * 2, color=_FAINT, lw=0.25, ls=(0, (2, 3)))
     for column in range(columns):
-        _write(ax, left + (column + 0.5) * tile, top - edge - 3.5, str(column), ha="center")
+        name = column_name(column)
+        _write(ax, left + (column + 0.5) * tile, top - edge - 3.5, name, ha="center")
         ax.plot([left + column * tile] * 2, [top, bottom], color=_FAINT, lw=0.25, ls=(0, (2, 3)))
     # The label of a tile becomes smaller with the tile.
     label_size = min(7.0, 0.3 * tile)
     for placed, (kind, turns, x, y) in zip(plan.placed, tiles, strict=True):
-        label = f"{placed.row},{placed.column}\n{_tile_name(kind, turns)}"
+        label = f"{cell_name(placed.row, placed.column)}\n{_tile_name(kind, turns)}"
         _label(ax, x + tile / 2, y + tile / 2, label, size=label_size)
     for number, item in enumerate(plan.objects, 1):
         x, y = left + item.x * tile, top + item.y * tile
@@ -397,10 +403,10 @@ def _check_list(plan: "Plan") -> list[str]:
             lines.append(f"{_BOX} {plan.tiles[kind]} x {_tile_name(kind)}, each with")
             lines += _tapes_to_cut(kind, plan.tile_size)
     for row, tiles in groupby(plan.placed, lambda tile: tile.row):
-        lines += ["", f"Row {row}"]
+        lines += ["", f"Row {row + 1}"]
         for tile in tiles:
             name = _tile_name(tile.kind, tile.quarter_turns)
-            lines.append(f"{_BOX} {row},{tile.column}  {name}")
+            lines.append(f"{_BOX} {cell_name(row, tile.column)}  {name}")
     if plan.objects:
         lines += ["", "Signs and objects", "(metres from the north-west corner)"]
     for number, item in enumerate(plan.objects, 1):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, file_named, is_folder, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
@@ -459,7 +460,7 @@ def _grid(rows: Plain) -> NDArray[np.int8]:
                 if not is_whole(code) or not 0 <= code <= 15:
                     got = shorten(json.dumps(code))
                     raise InputError(
-                        f"grid: expected tile codes 0 to 15, got {got} at row {y}, column {x}"
+                        f"grid: expected tile codes 0 to 15, got {got} at {describe_cell(y, x)}"
                     )
     return np.array(check_grid(rows))
 

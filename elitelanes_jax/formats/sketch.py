@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import column_name
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, SIDES
 
@@ -13,17 +14,34 @@ _ASCII = " -|+--++|+|+++++"
 
 
 @name_wrong_arguments
-def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
+def draw_text(codes: ArrayLike, *, ascii_only: bool = False, named: bool = False) -> str:
     """Returns a grid of codes ``[H, W]`` in characters, see `RoadMap.to_text`.
 
-    Raises `InputError` for a bad grid.
+    If `named`, the letters of columns are above, and the numbers of rows on the left, see
+    `cell_name`. Raises `InputError` for a bad grid.
     """
     signs, along = (_ASCII, "-") if ascii_only else (_LINES, "─")
     rows = np.asarray(check_grid(codes)).tolist()
-    return "\n".join(
+    lines = [
         "".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip()
         for row in rows
-    )
+    ]
+    if named:
+        lines = _with_names(lines, len(rows[0]))
+    return "\n".join(lines)
+
+
+def _with_names(lines: list[str], columns: int) -> list[str]:
+    """Returns the lines of a drawing with the names of rows and columns."""
+    # A column has two characters. Names of several letters need more, so every second one is left
+    # out.
+    step = 1 if columns <= 26 else 2
+    letters = "".join(column_name(column).ljust(2 * step) for column in range(0, columns, step))
+    width = len(str(len(lines)))
+    named = [f"{'':{width}} {letters}".rstrip()]
+    for row, line in enumerate(lines, 1):
+        named.append(f"{row:{width}} {line}".rstrip())
+    return named
 
 
 @name_wrong_arguments

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import (
     SEED,
     TILE_PX,
@@ -124,10 +125,9 @@ def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
     four_way = np.argwhere(road_map.codes == 15).tolist()
     if not four_way:
         return []
-    row, column = four_way[0]
     return [
         f"duckietown-sdk 0.2.0 has no lanes on 4-way tiles, here {len(four_way)}, "
-        f"the first at row {row}, column {column}; "
+        f"the first at {describe_cell(*four_way[0])}; "
         "generate --where crossings4=0..0 makes maps without them"
     ]
 

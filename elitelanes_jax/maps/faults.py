@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int8
 
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax.formats.objects import MapObject
@@ -37,8 +38,8 @@ def _ends_of_roads(codes: Int8[np.ndarray, "H W"]) -> list[str]:
     ends = ends_of_roads(codes)
     if not ends:
         return []
-    row, column = ends[0]
-    return [f"roads end at {pluralize(len(ends), 'tile')}, the first at row {row}, column {column}"]
+    first = describe_cell(*ends[0])
+    return [f"roads end at {pluralize(len(ends), 'tile')}, the first at {first}"]
 
 
 class SignFaults(NamedTuple):

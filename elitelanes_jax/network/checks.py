@@ -7,6 +7,7 @@ from pathlib import PurePath
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 
@@ -102,6 +103,6 @@ def check_grid(grid: AnyArray) -> AnyArray:
             row, column = np.argwhere((codes < 0) | (codes > 15))[0]
             raise InputError(
                 f"grid: expected tile codes 0 to 15, got {codes[row, column]} "
-                f"at row {row}, column {column}"
+                f"at {describe_cell(row, column)}"
             )
     return array.astype(np.int8)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import EAST, KINDS, NORTH, SIDES, SOUTH, WEST
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -324,11 +325,8 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
     ends = np.argwhere(np.isin(fix.grid, KINDS["end"])).tolist()
     if ends:
         row, column = ends[0]
-        code = int(fix.grid[row, column])
-        raise InputError(
-            f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}",
-            subject="fix",
-        )
+        got = f"code {fix.grid[row, column]} at {describe_cell(row, column)}"
+        raise InputError(f"fix: expected cells without dead ends, got {got}", subject="fix")
     if rules is not None:
         metrics = plain_measure(fix.grid)
         for name in RULES[rules].forbidden:
@@ -357,11 +355,10 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
     needed = [cell for cell in ways if filled or is_fixed[cell]]
     dead_ends = [cell for cell, neighbours in ways.items() if len(neighbours) < 2]
     if filled and dead_ends:
-        row, column = dead_ends[0]
         expected = "two neighbours for a road in every free cell"
         hint = "with rules, an inventory or a style such as town it may stay empty"
         raise InputError(
-            f"fix: expected {expected}, got one at row {row}, column {column}; {hint}",
+            f"fix: expected {expected}, got one at {describe_cell(*dead_ends[0])}; {hint}",
             subject="fix",
         )
     # What remains after all dead ends are cut are loops and the ways between them. A cell that
@@ -378,13 +375,8 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
     for cell in needed:
         if cell not in reachable:
             expected = "cells whose roads can be connected"
-            got = f"no way from {_in_words(needed[0])} to {_in_words(cell)}"
+            got = f"no way from {describe_cell(*needed[0])} to {describe_cell(*cell)}"
             raise InputError(f"fix: expected {expected}, got {got}", subject="fix")
-
-
-def _in_words(cell: _Cell) -> str:
-    row, column = cell
-    return f"row {row}, column {column}"
 
 
 def _cut_dead_ends(ways: dict[_Cell, set[_Cell]], dead_ends: list[_Cell]) -> None:

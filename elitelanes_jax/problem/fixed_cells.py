@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Int8
 
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import is_whole, path
 from elitelanes_jax._util.errors import InputError, reason, shorten
 from elitelanes_jax._util.files import read_json
@@ -85,7 +86,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     for row, column in np.ndindex(*shape):
         code = rows[row][column]
         if code is not None and not (is_whole(code) and 0 <= code <= 15):
-            got = f"{shorten(reprlib.repr(code))} at row {row}, column {column}"
+            got = f"{shorten(reprlib.repr(code))} at {describe_cell(row, column)}"
             raise InputError(
                 f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}"
             )
@@ -127,15 +128,13 @@ def _check_sides(name: str, codes: Int[np.ndarray, "H W"]) -> None:
         beside = np.pad(codes, 1)[1 + side.down :, 1 + side.right :][:height, :width]
         wrong = np.argwhere((codes >= 0) & (codes & side.bit > 0) & (beside & side.opposite == 0))
         for row, column in wrong.tolist():
-            position = f"{side.name} at row {row}, column {column}"
+            position = f"{side.name} at {describe_cell(row, column)}"
             next_row, next_column = row + side.down, column + side.right
             if not (0 <= next_row < height and 0 <= next_column < width):
                 expected = "roads within the grid"
                 got = f"one that leaves it to the {position}"
             else:
                 expected = "fixed neighbours to agree"
-                got = (
-                    f"a road to the {position} that row {next_row}, column {next_column} "
-                    "does not return"
-                )
+                neighbour = describe_cell(next_row, next_column)
+                got = f"a road to the {position} that {neighbour} does not return"
             raise InputError(f"{name}: expected {expected}, got {got}")

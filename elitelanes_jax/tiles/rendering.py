@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import (
     check_named,
     file_named,
@@ -150,7 +151,7 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
             )
         raise InputError(
             f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
-            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}{remedy}"
+            f"got {code} ({KIND_OF[code]}) at {describe_cell(row, column)}{remedy}"
         )
     # The pictures are listed code by code, so that a first index and a number tell those of a cell.
     pictures: list[RotatedTile] = []
@@ -292,8 +293,7 @@ def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray
     for row, column in _misfits(grid, tiles, chosen):
         raise InputError(
             f"chosen: expected a tile of the set {tiles.name!r} rotated to show code "
-            f"{grid[row, column]} at row {row}, "
-            f"column {column}, "
+            f"{grid[row, column]} at {describe_cell(row, column)}, "
             f"got tile {chosen[row, column, 0]} rotated {chosen[row, column, 1]} times"
         )
     # Four times an index overflows in 8 bits.

@@ -1,5 +1,6 @@
 /** A plan to build a map from, as an SVG file. Its unit is a millimetre. */
 import { objectShapes, pathOf } from "./drawing";
+import { cellName, columnName } from "./network/cells";
 import type { Grid } from "./network/codes";
 import { degreesIn, rint, roundTo } from "./network/numbers";
 import { baseKind, byKind, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
@@ -58,10 +59,10 @@ export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: Object
       `fill="#5c636d"`,
     ),
     ...Array.from({ length: rows }, (_, row) =>
-      words(left - edge * tile - 5, top + (row + 0.5) * tile + 1, `${row}`, middle),
+      words(left - edge * tile - 5, top + (row + 0.5) * tile + 1, `${row + 1}`, middle),
     ),
     ...Array.from({ length: columns }, (_, column) =>
-      words(left + (column + 0.5) * tile, top - edge * tile - 4, `${column}`, middle),
+      words(left + (column + 0.5) * tile, top - edge * tile - 4, columnName(column), middle),
     ),
     `<g transform="translate(${at(left)} ${at(top)}) scale(${at(tile)})" font-size="0.11">`,
     `<path d="M0 0H${columns}V${rows}H0Z" fill="#f3f5ee" stroke="#6d737d" stroke-width="0.01"/>`,
@@ -70,7 +71,7 @@ export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: Object
         `<use href="#${kind}" transform="translate(${column} ${row}) rotate(${-90 * quarterTurns} 0.5 0.5)"/>`,
     ),
     ...plan.placed.map(({ row, column, kind, quarterTurns }) =>
-      [`${row},${column}`, tileName(kind, quarterTurns)]
+      [cellName(row, column), tileName(kind, quarterTurns)]
         .map((text, line) => words(column + 0.5, row + 0.48 + 0.12 * line, text, `class="label"`))
         .join(""),
     ),
@@ -93,6 +94,7 @@ export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: Object
         words(MARGIN + index * (SAMPLE + 8) + SAMPLE / 2, legendTop + SAMPLE + 5, tileName(kind, 0), middle),
     ),
     words(MARGIN + 4 * (SAMPLE + 8), legendTop + SAMPLE / 2, "Angles are counter-clockwise."),
+    words(MARGIN + 4 * (SAMPLE + 8), legendTop + SAMPLE / 2 + LINE, "Files call A1 row 0, column 0."),
     words(MARGIN, listTop + MARGIN + 4, "Check-list", `font-size="6" font-weight="700"`),
     ...list.map((text, index) => {
       const column = Math.floor(index / ROWS);
@@ -141,8 +143,10 @@ function checkListOf(
   });
   return [
     ...(objects.length ? ["Signs and objects", "(metres from the north-west corner)", ...objects] : []),
-    "Tiles (row,column)",
-    ...placed.map(({ row, column, kind, quarterTurns }) => `\u2610 ${row},${column} ${tileName(kind, quarterTurns)}`),
+    "Tiles",
+    ...placed.map(
+      ({ row, column, kind, quarterTurns }) => `\u2610 ${cellName(row, column)} ${tileName(kind, quarterTurns)}`,
+    ),
   ];
 }
 

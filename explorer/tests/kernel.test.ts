@@ -142,7 +142,7 @@ test.each([
   ["town.yaml", "tile_size: 0.585", 'town.yaml: expected a Duckietown map, got no "tiles"'],
   ["town.yaml", "tiles: [[4way", "town.yaml: expected readable YAML, got: unexpected end"],
   ["town.yaml", "tiles: [[4way]]\nobjects: [{kind: duckie}]", "town.yaml: objects: 0: expected a pose, pos, place"],
-  ["town.yml", "tiles:\n- [moat]", "town.yml: tiles: expected one of Duckietown's kinds, got moat at row 0, column 0"],
+  ["town.yml", "tiles:\n- [moat]", "town.yml: tiles: expected one of Duckietown's kinds, got moat at A1 ([0, 0])"],
 ])("a bad %s is refused: %s", (name, text, message) => {
   expect(() => readMap(text, name, kinds)).toThrow(message);
 });

@@ -11,6 +11,7 @@ import pytest
 from elitelanes_jax import RoadMap, measure, read_map
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.road_map import map_to_json as map_json
+from elitelanes_jax.formats.sketch import draw_text
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.formats.table import measure_maps, table_to_csv
@@ -41,7 +42,7 @@ def test_a_map_one_tile_wide_is_shown_and_written(tmp_path, capsys):
     thin = tmp_path / "thin.yaml"
     thin.write_text("tiles:\n- [straight/E, 4way, straight/E]\n")
     assert main(["show", str(thin)]) == 0
-    assert capsys.readouterr().out.splitlines()[0] == "──┼───"
+    assert capsys.readouterr().out.splitlines()[:2] == ["  A B C", "1 ──┼───"]
     for to, file in (("duckietown", "again.yaml"), ("csv", "a.csv"), ("sumo", "plain")):
         assert main(["export", str(thin), "--to", to, "--out", str(tmp_path / file)]) == 0
     assert read_map(tmp_path / "again.yaml").codes.tolist() == [[5, 15, 5]]
@@ -136,14 +137,24 @@ def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
 def test_show(maps, tmp_path, capsys):
     assert main(["show", maps[1]]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[:5] == [*RoadMap(GRID).to_text().splitlines(), ""]
-    assert lines[5].startswith("4 x 4 tiles, components 1, cyclomatic 2, dead ends 1, ")
+    assert lines[:6] == ["  A B C D", "1 ┌───┬─┐", "2 │   │ │", "3 ├───┴─┘", "4 ╵", ""]
+    assert lines[6].startswith("4 x 4 tiles, components 1, cyclomatic 2, dead ends 1, ")
     assert max(map(len, lines)) <= 100
     (tmp_path / "map.yaml").write_text("tiles:\n- [curve_left/W, curve_left/N]\n- [curve_left/S, curve_left/E]\n")
     assert main(["show", str(tmp_path / "map.yaml")]) == 0
-    assert capsys.readouterr().out.startswith("┌─┐\n└─┘\n\n2 x 2 tiles")
+    assert capsys.readouterr().out.startswith("  A B\n1 ┌─┐\n2 └─┘\n\n2 x 2 tiles")
     assert main(["render", str(tmp_path / "map.yaml"), "--tile-px", "16"]) == 0
     assert (tmp_path / "map" / "image.png").exists()
+
+
+def test_wide_maps_have_the_name_of_every_second_column():
+    codes = np.tile(np.array([[6, 3], [12, 9]], np.int8), (5, 14))
+    head, *lines = draw_text(codes, named=True).splitlines()
+    plain = draw_text(codes).splitlines()
+    assert lines == [f"{row:2} {line}" for row, line in enumerate(plain, 1)]
+    assert head.split() == [*"ACEGIKMOQSUWY", "AA"]
+    # Each name is above its column. The numbers of rows take three characters.
+    assert [head.index(name) for name in ("A", "C", "AA")] == [3, 3 + 2 * 2, 3 + 2 * 26]
 
 
 def test_a_terminal_without_box_drawing(maps, monkeypatch):

@@ -59,7 +59,7 @@ await page.locator(".cell.selected").focus();
 await page.keyboard.press("ArrowRight");
 await page.keyboard.press("ArrowDown");
 seen.cells = [await cell()];
-await page.getByLabel("Kind of row 2, column 2").selectOption("turn");
+await page.getByLabel("Kind of B2").selectOption("turn");
 await button("Turn").click();
 seen.cells.push(await cell(), await page.textContent(".side .bar .note"));
 await button("Undo").click();

@@ -18,6 +18,7 @@ from explored import IN_BROWSER, big_result, float_result, own_result, write_run
 from sign_cases import placed_again
 
 from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render, repair
+from elitelanes_jax._util.cells import cell_name
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats import MapObject, make_plan
@@ -264,7 +265,7 @@ def test_drawing(seen, folder):
         assert one._replace(x=0, y=0, angle=0) == other._replace(x=0, y=0, angle=0)
         assert one[1:4] == pytest.approx(other[1:4])
     assert draw["refused"] == [
-        "x.json: expected tile codes 0 to 15, got 99 at row 0, column 1",
+        "x.json: expected tile codes 0 to 15, got 99 at B1 ([0, 1])",
         'x.yaml: expected a Duckietown map, got no "tiles"',
         "x.yaml: expected readable YAML, got: unexpected end of the stream within a flow collection",
         "x.png: expected a map as JSON or Duckietown's YAML, got a fault at character 0",
@@ -291,7 +292,7 @@ def test_a_plan_is_saved(folder, furnished):
     plan, svg = make_plan(furnished), (folder / "plan.svg").read_text()
     texts = Counter(re.findall(r"<text[^>]*>([^<]*)</text>", svg))
     names = {"crossing3": "3-way", "crossing4": "4-way"}
-    expected = [f"{row},{column}" for row, column, *_ in plan.placed]
+    expected = [cell_name(row, column) for row, column, *_ in plan.placed]
     expected += [f"{count} × {names.get(kind, kind)}" for kind, count in plan.tiles.items() if kind != "empty"]
     expected += [f"{plan.floor[0]:g} m", f"{plan.floor[1]:g} m", *map(str, range(7, len(plan.objects) + 1))]
     assert [words for words in expected if texts[words] != 1] == []
@@ -355,8 +356,8 @@ def test_signs_that_do_not_fit_are_placed_again(seen, folder, furnished):
     np.testing.assert_array_equal(saved.codes, repair(codes, codes != furnished.codes))
     assert list(saved.objects) == placed_again(saved.codes, furnished.objects)
     assert signs["said"].startswith("Signs placed again")
-    assert re.fullmatch(r"drawn\.json: roads end at \d tiles, the first at row 0, column 0", signs["ends"])
-    assert signs["plan"] == "Duckietown has no tile for the dead end at row 0, column 0; mend the map first"
+    assert re.fullmatch(r"drawn\.json: roads end at \d tiles, the first at A1 .*", signs["ends"])
+    assert signs["plan"] == "Duckietown has no tile for the dead end at A1 ([0, 0]); mend the map first"
 
 
 def test_the_shelf_says_what_is_left_while_roads_are_drawn(seen, furnished):

@@ -390,10 +390,10 @@ def test_corners_masks_and_undo_in_a_browser(tmp_path):
     assert stepped.tolist() == (snapped + np.array([10, 0])).tolist() and undone.tolist() == snapped.tolist()
     assert seen["fits"].startswith("The corners fit")
     assert seen["cells"] == [
-        "row 2, column 2: straight",
-        "row 2, column 2: turn",
+        "B2: straight",
+        "B2: turn",
         "opens south, west on the photograph",
-        "row 2, column 2: straight",
+        "B2: straight",
     ]
     assert (seen["cut"], seen["tiles"], seen["slider"]) == ("Cut 9 tiles", 9, "130")
     # The slider changed the picture, undo brought it back; a stroke and a key did, and two undos.

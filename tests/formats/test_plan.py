@@ -11,6 +11,7 @@ from conftest import grids
 from hypothesis import given
 
 from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax._util.cells import cell_name
 from elitelanes_jax.formats import make_plan, plan_pages, without_dead_ends
 from elitelanes_jax.formats.tapes import REFERENCE, tapes_of
 from elitelanes_jax.lanes.links import linked_codes
@@ -111,7 +112,7 @@ def test_files_hold_the_plan(furnished, tmp_path):
     words = re.findall(r"<text[^>]*>(.*?)</text>|<tspan[^>]*>(.*?)</tspan>", (tmp_path / "first.svg").read_text())
     words = [one or other for one, other in words]
     for tile in make_plan(furnished).placed:
-        assert f"{tile.row},{tile.column}" in words
+        assert cell_name(tile.row, tile.column) in words
     assert {"turn 90°", "1.755 m", "1 x stop, tag 25", "1 x duckie", "4 x turn"} <= set(words)
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "first.pdf").read_bytes())) == 2
 
@@ -184,7 +185,7 @@ def test_a_large_map_has_a_larger_sheet_and_more_lists(tmp_path):
     [
         (np.zeros((3, 3), np.int8), "roads on at most 64 x 64 tiles, got none"),
         (np.full((3, 65), 15, np.int8), "got 3 x 65"),
-        ([[4, 1]], "got a dead end at row 0, column 0"),
+        ([[4, 1]], "got a dead end at A1 "),
         ([RING, RING], "expected one map, got 2"),
     ],
 )

@@ -60,9 +60,9 @@ def test_whole_maps_are_not_spoken_of(capsys):
 @pytest.mark.parametrize(
     ("cells", "said"),
     [
-        ({"r0c0": 4}, "roads end at 2 tiles, the first at row 0, column 0"),
-        ({"r0c0": 14}, "roads end at 1 tile, the first at row 0, column 0"),
-        ({"r2c1": 0}, "roads end at 2 tiles, the first at row 2, column 0; "),
+        ({"r0c0": 4}, "roads end at 2 tiles, the first at A1 ([0, 0])"),
+        ({"r0c0": 14}, "roads end at 1 tile, the first at A1 ([0, 0])"),
+        ({"r2c1": 0}, "roads end at 2 tiles, the first at A3 ([2, 0]); "),
         # A crossing becomes a turn, and the road of another one goes.
         ({"r2c4": 5, "r3c4": 0, "r4c4": 5}, "10 of 44 signs do not fit the roads, furnish places signs again"),
         # A T becomes a 4-way crossing: its signs of the topology are those of a T, and its new arm has none.
@@ -178,7 +178,7 @@ def test_a_map_of_a_list_is_named_by_its_index(tmp_path, capsys):
         file.write_text(json.dumps(content))
         with progress.reporting(quiet=False):
             parse_given(file)
-        assert capsys.readouterr().err.endswith(f"{name}: roads end at 1 tile, the first at row 1, column 2\n")
+        assert capsys.readouterr().err.endswith(f"{name}: roads end at 1 tile, the first at C2 ([1, 2])\n")
 
 
 def test_stored_town_features_of_other_codes_are_measured_again(capsys):

@@ -326,7 +326,7 @@ def test_objects_keep_clear_of_those_in_the_next_cell():
 def test_crossings_without_room_are_refused_or_left_out():
     """A road at the corner of a crossing leaves no room for signs."""
     full = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
-    with pytest.raises(InputError, match="no roads at the four corners of each crossing, got one at row 0, column 1"):
+    with pytest.raises(InputError, match="no roads at the four corners of each crossing, got one at B1 "):
         furnish(full, "signs")
     assert furnish(full, "signs=possible").objects == ()
 

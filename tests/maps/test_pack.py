@@ -166,7 +166,7 @@ def test_the_first_map_with_a_part_that_a_program_cannot_use_is_named(monkeypatc
     maps = [RoadMap(codes) for codes in ([[6, 3], [12, 9]], crossing, np.pad(crossing, 1))]
     _announce_limits(PackSpec(to=("duckiematrix", "sumo")), maps)
     ((to, words),) = said
-    assert to == "duckiematrix" and words.startswith("2 of 3 maps, the first: ") and "at row 1, column 1;" in words
+    assert to == "duckiematrix" and words.startswith("2 of 3 maps, the first: ") and "at B2 ([1, 1]);" in words
 
 
 def test_trips_follow_the_lanes_of_the_tile_set(tmp_path):

@@ -228,8 +228,8 @@ def test_codes_outside_the_alphabet_are_counted():
 @pytest.mark.parametrize(
     ("grid", "message"),
     [
-        ([[0, 16], [0, 0]], "grid: expected tile codes 0 to 15, got 16 at row 0, column 1"),
-        ([[0, 0], [-1, 0]], "got -1 at row 1, column 0"),
+        ([[0, 16], [0, 0]], "grid: expected tile codes 0 to 15, got 16 at B1 "),
+        ([[0, 0], [-1, 0]], "got -1 at A2 "),
         ([[0.0, 1.0], [2.0, 3.0]], "grid: expected integer tile codes, got float64"),
         ([[True, False], [True, False]], "grid: expected integer tile codes, got bool"),
         (np.zeros((2, 2), "m8[s]"), "grid: expected integer tile codes, got timedelta64"),

@@ -155,12 +155,12 @@ RING = [[6, 3, FREE, FREE], [12, 9, FREE, FREE]]
 @pytest.mark.parametrize(
     ("cells", "message", "passes_unfilled"),
     [
-        (POCKET, "in every free cell, got one at row 0, column 2", False),
-        (STUB, "in every free cell, got one at row 2, column 2", True),
+        (POCKET, "in every free cell, got one at C1 ", False),
+        (STUB, "in every free cell, got one at C3 ", True),
         ([[0, 0], [0, 0]], "room for a loop of roads, got none", False),
-        (HALVES, "no way from row 0, column 0 to row 0, column 3", True),
-        (RINGS, "no way from row 0, column 0 to row 0, column 3", False),
-        (RING, "no way from row 0, column 0 to row 0, column 2", True),
+        (HALVES, "no way from A1 .* to D1 ", True),
+        (RINGS, "no way from A1 .* to D1 ", False),
+        (RING, "no way from A1 .* to C1 ", True),
     ],
 )
 def test_fixed_cells_leave_room_for_a_network(cells, message, passes_unfilled):

@@ -134,10 +134,10 @@ def test_fixed_cells_are_read(tmp_path):
         ("7", "expected rows of tile codes"),
         ("[[1, 2], [3]]", "expected rows of one length, got 2 rows of 1 or 2"),
         ("[[5, 5]]", "shape: expected sides from 2 to 1024 for new maps, got 1 x 2"),
-        ("[[99, null, null], [null, null, null]]", "0 to 15, or null for a free cell, got 99 at row 0, column 0"),
-        ("[[8, null, null], [null, null, null]]", "got one that leaves it to the north at row 0, column 0"),
-        ("[[4, 0, null], [null, null, null]]", "to the east at row 0, column 0 that row 0, column 1 does not"),
-        ("[[0, 1, null], [null, null, null]]", "to the west at row 0, column 1 that row 0, column 0 does not"),
+        ("[[99, null, null], [null, null, null]]", "0 to 15, or null for a free cell, got 99 at A1 "),
+        ("[[8, null, null], [null, null, null]]", "got one that leaves it to the north at A1 "),
+        ("[[4, 0, null], [null, null, null]]", "to the east at A1 ([0, 0]) that B1 ([0, 1]) does not"),
+        ("[[0, 1, null], [null, null, null]]", "to the west at B1 ([0, 1]) that A1 ([0, 0]) does not"),
     ):
         file.write_text(text)
         with pytest.raises(InputError) as error:
@@ -154,9 +154,9 @@ def test_fixed_cells_are_lists_or_arrays():
     for cells in (array, jnp.asarray(array), array.astype(object), [[np.int8(code) for code in row] for row in whole]):
         assert parse_fixed_cells(cells) == parse_fixed_cells(whole)
     for cells in ([[6, 5, 0], [None] * 3], np.array([[6, 5, 0], [8, 0, 0]]), [list(np.int8([6, 5, 0])), [None] * 3]):
-        with pytest.raises(InputError, match="to the east at row 0, column 1 that row 0, column 2 does not return"):
+        with pytest.raises(InputError, match="to the east at B1 .* that C1 .* does not return"):
             parse_fixed_cells(cells)
-    with pytest.raises(InputError, match="got 'x' at row 0, column 1"):
+    with pytest.raises(InputError, match="got 'x' at B1 "):
         parse_fixed_cells([[6, "x", None], [None] * 3])
 
 

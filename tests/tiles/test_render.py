@@ -145,7 +145,7 @@ def test_what_has_no_picture_is_named(drawn_tiles):
         (
             2,
             [[6, 3], [8, 9]],
-            r"codes 3, 5, .*\), got 8 \(end\) at row 1, column 0; a tile end_1 .* --dead-ends grass",
+            r"codes 3, 5, .*\), got 8 \(end\) at A2 .*; a tile end_1 .* --dead-ends grass",
         ),
         (15, [[15, 15], [15, 15]], r"the set 'partial' can draw .* got 15 \(crossing4\)"),
     ):
@@ -181,9 +181,9 @@ def test_wrong_arguments_are_refused(drawn_tiles):
         ({"chosen": chosen[:2]}, r"chosen: expected integers of shape \(4, 6, 2\), got int64 of shape \(2, 6, 2\)"),
         ({"chosen": chosen * 1.0}, r"chosen: expected integers of shape \(4, 6, 2\), got float64"),
         ({"chosen": [[1], [2, 3]]}, r"chosen: expected integers of shape \(4, 6, 2\), got \[\[1\], \[2, 3\]\]"),
-        ({"chosen": outside}, "chosen: expected a tile of the set .* at row 0, column 0, got tile 99"),
-        ({"chosen": -1 - chosen}, "chosen: expected a tile of the set .* at row 0, column 0"),
-        ({"chosen": wrong}, "chosen: expected a tile of the set .* at row 1, column 2, got tile"),
+        ({"chosen": outside}, "chosen: expected a tile of the set .* at A1 .*, got tile 99"),
+        ({"chosen": -1 - chosen}, "chosen: expected a tile of the set .* at A1 "),
+        ({"chosen": wrong}, "chosen: expected a tile of the set .* at C2 .*, got tile"),
     ):
         with pytest.raises(InputError, match=message):
             render(**{"source": GRID, "tiles": drawn_tiles} | arguments)

@@ -16,6 +16,7 @@ from math import atan2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
@@ -86,7 +87,7 @@ def place_signs(
         elif which == "all":
             raise InputError(
                 "signs: expected no roads at the four corners of each crossing, "
-                f"got one at row {crossing[0]}, column {crossing[1]}; "
+                f"got one at {describe_cell(*crossing)}; "
                 "signs=possible leaves such crossings out"
             )
     return signs

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int8
 
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.tags import SIGN_TAGS, STREET_NAMES, STREETS
@@ -118,10 +119,9 @@ def place_street_names(space: Space, which: str, tags: Tags) -> None:
             if clear is not None:
                 signs.append(clear)
         if len(signs) < len(places) and which == "all":
-            row, column = road[0]
             raise InputError(
                 "street_names: expected room for a sign at each turn and road, "
-                f"got none at the road from row {row}, column {column}; "
+                f"got none at the road from {describe_cell(*road[0])}; "
                 "street_names=possible leaves such signs out"
             )
         if signs:

@@ -1,5 +1,6 @@
 /** A photograph: corners to drag, and the kind and direction of each cell. */
 import { useRef, useState } from "preact/hooks";
+import { cellName, columnName } from "../network/cells";
 import { KIND_OF, SIDES } from "../network/codes";
 import { Choice, Switch } from "../parts/Controls";
 import { areConvex, outlineOf, pixelOf, viewOf, type Point, type View } from "./view";
@@ -12,6 +13,8 @@ const STEPS: Readonly<Record<string, Point>> = {
   ArrowDown: [0, 1],
 };
 const CORNER_NAMES = ["first", "second", "third", "fourth"];
+/** How far inside the floor the names of its columns and rows are, in tiles. */
+const BORDER = 0.12;
 /** Milliseconds after the last key until a moved corner is fitted. */
 const PAUSE = 900;
 
@@ -123,6 +126,22 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
     (_, cell) => [Math.floor(cell / columns), cell % columns] as const,
   );
   const unit = width / 100;
+  const named = (name: string, place: Point) => {
+    const [x, y] = pixelOf(view, place);
+    return (
+      <text
+        key={name}
+        class="cell-name"
+        aria-hidden="true"
+        x={x}
+        y={y}
+        style={{ fontSize: `${unit * 2.8}px` }}
+        stroke-width={unit * 0.6}
+      >
+        {name}
+      </text>
+    );
+  };
   const sides = SIDES.filter(({ bit }) => code & bit).map(({ name }) => name);
   const cuts = proposal ? sureCells(proposal) : 0;
   return (
@@ -146,7 +165,7 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
               pixelOf(view, [x + 0.5 + right * 0.42, y + 0.5 + below * 0.42]),
             );
             const isSelected = y === row && x === column;
-            const name = `row ${y + 1}, column ${x + 1}: ${value ? KIND_OF[value] : "no tile"}${isSure ? "" : ", unsure"}`;
+            const name = `${cellName(y, x)}: ${value ? KIND_OF[value] : "no tile"}${isSure ? "" : ", unsure"}`;
             return (
               <g
                 key={`${y},${x}`}
@@ -165,6 +184,8 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
               </g>
             );
           })}
+          {Array.from({ length: columns }, (_, x) => named(columnName(x), [x + 0.5, BORDER]))}
+          {Array.from({ length: rows }, (_, y) => named(`${y + 1}`, [BORDER, y + 0.5]))}
           {corners.map(([x, y], corner) => (
             <g
               key={corner}
@@ -228,7 +249,7 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
         {proposal && (
           <div class="bar">
             <Choice
-              label={`Kind of row ${row + 1}, column ${column + 1}`}
+              label={`Kind of ${cellName(row, column)}`}
               value={kindOfCode(code)}
               options={[...Object.keys(KINDS), "empty"].map((kind) => [kind, kindWord(kind)] as const)}
               onChange={(kind) => setCode(KINDS[kind]?.[0] ?? 0)}

@@ -1,4 +1,5 @@
 /** Duckietown's map files: the tiles, and the objects in all four ways to say where one is. */
+import { describeCell } from "./cells";
 import { CONNECTIONS, gridOf, rotateCode, rowsOf, type Grid } from "./codes";
 import { check, FileError } from "./errors";
 import { checkSides } from "./mapFile";
@@ -144,7 +145,7 @@ function codeOf(tile: Tree, x: number, y: number): number {
       : "";
   const code = CODE.get(kind);
   if (code === undefined) {
-    const got = `${wordsFor(tile)} at row ${y}, column ${x}`;
+    const got = `${wordsFor(tile)} at ${describeCell(y, x)}`;
     throw new FileError(`tiles: expected one of Duckietown's kinds, got ${got}`);
   }
   return code;

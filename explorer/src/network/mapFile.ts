@@ -1,4 +1,5 @@
 /** The package's own files: `map.json`, lists of maps, and rows for `--fix`. */
+import { describeCell } from "./cells";
 import { gridOf, rowsOf, type Grid } from "./codes";
 import { check } from "./errors";
 import { isList, isReal, isTable, isWhole, parseJson, plain, Real, type Json, type JsonTable } from "./json";
@@ -49,7 +50,7 @@ function codesIn(rows: Json, name: string, mayBe: (cell: Json) => boolean): read
   checkSides(listed, name);
   listed.forEach((row, y) =>
     row.forEach((cell, x) => {
-      const got = () => `${wordsFor(cell)} at row ${y}, column ${x}`;
+      const got = () => `${wordsFor(cell)} at ${describeCell(y, x)}`;
       if (!mayBe(cell)) check(false, `${name}expected tile codes 0 to ${LARGEST_CODE}, got ${got()}`);
     }),
   );

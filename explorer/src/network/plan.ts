@@ -1,6 +1,7 @@
 /** The tiles and the tape that it takes to build a map. */
+import { describeCell } from "./cells";
 import { rotateCode, type Grid } from "./codes";
-import { check } from "./errors";
+import { check, FileError } from "./errors";
 import { roadEnds } from "./links";
 import { roundTo } from "./numbers";
 
@@ -51,8 +52,10 @@ export function planOf({ height, width, codes }: Grid, { kinds, widths, longest 
   check(codes.some(Boolean), "A plan needs a map with roads");
   check(Math.max(height, width) <= longest, `A plan has at most ${longest} × ${longest} tiles`);
   const [end] = roadEnds({ height, width, codes });
-  const cell = `row ${Math.floor(end / width)}, column ${end % width}`;
-  check(end === undefined, `Duckietown has no tile for the dead end at ${cell}; mend the map first`);
+  if (end !== undefined) {
+    const cell = describeCell(Math.floor(end / width), end % width);
+    throw new FileError(`Duckietown has no tile for the dead end at ${cell}; mend the map first`);
+  }
   const placed: PlacedTile[] = [];
   codes.forEach((code, cell) => {
     if (code) placed.push({ row: Math.floor(cell / width), column: cell % width, ...tileOf(code, kinds) });

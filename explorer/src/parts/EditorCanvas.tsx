@@ -4,6 +4,7 @@ import { useShared } from "../context";
 import { objectShapes, overlayShapes, paint, ringShapes } from "../drawing";
 import { between, done, redo, stroked, undo, type Editor, type Stroke, type Tool } from "../editor";
 import type { ObjectTool } from "../hooks/useObjectTool";
+import { cellName, columnName } from "../network/cells";
 import { KIND_OF, type Grid } from "../network/codes";
 import { edgeOf } from "../network/objects";
 import { paintMap } from "../raster";
@@ -14,6 +15,8 @@ export const OBJECT_KEYS =
   "Arrow keys select an object, with Shift they move it, R turns it, Delete removes it, Enter adds one.";
 /** The least number of screen pixels between lines of the lattice. */
 const LEAST_LATTICE = 3;
+/** The least side of a tile, in pixels of the page, at which rows and columns have names. */
+const LEAST_NAMED = 18;
 const STEPS: Readonly<Record<string, readonly [right: number, down: number]>> = {
   ArrowLeft: [-1, 0],
   ArrowRight: [1, 0],
@@ -49,6 +52,7 @@ export function EditorCanvas({ editor, onEdit, tool, objectTool, tile, mends, fi
     const { context, scale, ratio } = clear(grid, edge);
     paintMap(context, grid, scale);
     if (scale > LEAST_LATTICE) paintLattice(context, grid, scale);
+    if (scale > LEAST_NAMED * ratio) paintNames(context, grid, scale, ratio);
     paintFixed(context, grid, fixed, scale);
     const rings = selected ? ringShapes(selected, kinds) : [];
     paint(context, { shapes: [...objectShapes(objects, kinds), ...rings], texts: [] }, scale);
@@ -125,7 +129,7 @@ export function EditorCanvas({ editor, onEdit, tool, objectTool, tile, mends, fi
       if (event.shiftKey && next !== cursor) apply(editor, tool === "road" || tool === "cut" ? [cursor, next] : [next]);
       setCursor(next);
       setKeyed(true);
-      say(`row ${row + 1}, column ${column + 1}: ${KIND_OF[grid.codes[next]]}`, true);
+      say(`${cellName(row, column)}: ${KIND_OF[grid.codes[next]]}`, true);
     } else if (event.key === "Enter" || event.key === " ") {
       event.preventDefault();
       if (tool !== "road" && tool !== "cut") apply(editor, [cursor]);
@@ -167,6 +171,26 @@ function paintLattice(context: CanvasRenderingContext2D, { height, width }: Grid
     context.lineTo(Math.round(column * scale) + 0.5, height * scale);
   }
   context.stroke();
+}
+
+/** Writes letters along the northern border and numbers along the western one, as on a chess board. */
+function paintNames(context: CanvasRenderingContext2D, grid: Grid, scale: number, ratio: number): void {
+  const write = (name: string, x: number, y: number) => {
+    context.strokeText(name, x, y);
+    context.fillText(name, x, y);
+  };
+  context.font = `${10 * ratio}px sans-serif`;
+  context.fillStyle = "#1d2026";
+  // A light outline keeps the names readable on roads.
+  context.strokeStyle = "rgba(255,255,255,0.8)";
+  context.lineWidth = 2.5 * ratio;
+  context.lineJoin = "round";
+  [context.textAlign, context.textBaseline] = ["center", "top"];
+  for (let column = 0; column < grid.width; column++) {
+    write(columnName(column), (column + 0.5) * scale, 3 * ratio);
+  }
+  [context.textAlign, context.textBaseline] = ["left", "middle"];
+  for (let row = 0; row < grid.height; row++) write(`${row + 1}`, 3 * ratio, (row + 0.5) * scale);
 }
 
 /** Frames fixed cells, and crosses out fixed cells without a road. */

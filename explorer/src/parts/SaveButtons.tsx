@@ -2,6 +2,7 @@ import type { ComponentChildren } from "preact";
 import { useShared } from "../context";
 import { sceneOf, toSvg } from "../drawing";
 import { save, savePng } from "../files";
+import { describeCell } from "../network/cells";
 import type { Grid } from "../network/codes";
 import { FileError } from "../network/errors";
 import { stubs, toDuckietown, toMapJson } from "../network/formats";
@@ -33,9 +34,10 @@ export function SaveButtons({ name, grid, objects, fields, pictures = null, blen
     try {
       save(file, make(), type);
       const ends = roadEnds(grid);
-      const [row, column] = [Math.floor(ends[0] / grid.width), ends[0] % grid.width];
-      const where = `${counted(ends.length, "tile", "tiles")}, the first at row ${row}, column ${column}`;
-      if (ends.length) say(`${file}: roads end at ${where}`);
+      if (ends.length) {
+        const first = describeCell(Math.floor(ends[0] / grid.width), ends[0] % grid.width);
+        say(`${file}: roads end at ${counted(ends.length, "tile", "tiles")}, the first at ${first}`);
+      }
     } catch (error) {
       if (!(error instanceof FileError)) throw error;
       say(error.message);
