@@ -308,8 +308,8 @@ SEE := $(BIN)/python -m experiments.perception.gym_duckietown
 SEEN := results/perception
 
 perception: $(READY) .venv-gym-duckietown/.ready
-	test -d $(SEEN)/views || $(BIN)/elitelanes dataset --out $(SEEN)/views --style town --maps 60 --views 500 --size 7 \
-	  --evaluations 2000 --split 1 0 0 --tile-px 96 --camera rows=120 columns=160 lines=0.07 \
+	test -d $(SEEN)/views || $(BIN)/elitelanes dataset --out $(SEEN)/views --style town --where crossings=0.. --maps 60 --views 500 \
+	  --size 7 --evaluations 2000 --split 1 0 0 --tile-px 96 --camera rows=120 columns=160 lines=0.07 \
 	  --transform varied blur=0.5
 	test -f $(SEEN)/pose.npz || $(SEE).train pose $(SEEN)/views --out $(SEEN)/pose.npz
 	test -f $(SEEN)/labels.npz || $(SEE).train labels $(SEEN)/views --out $(SEEN)/labels.npz
@@ -353,7 +353,7 @@ trainers: .venv-sb3/.ready results/trainer-towns
 	.venv-sb3/bin/python -m experiments.navigation.trainers results/trainer-towns
 
 results/trainer-towns: $(PROGRAM)
-	$(BIN)/elitelanes generate --style town --size 7 7 --evaluations 20000 --maps 200 --tile-px 16 --out $@
+	$(BIN)/elitelanes generate --style town --where crossings=0.. --size 7 7 --evaluations 20000 --maps 200 --tile-px 16 --out $@
 
 clean:
 	rm -rf dist explorer/node_modules .venv .venv-* $(DEMO) $(SITE)

@@ -140,7 +140,8 @@ def _run(options: argparse.Namespace) -> None:
 
 def _make_pictures(folder: Path, budget: Budget, seed: int) -> dict[str, Pictures]:
     """Makes the datasets of the training and of the tests, as `elitelanes dataset` does, and reads them."""
-    usual = DatasetSpec(search=SearchSpec(style="town", evaluations=20_000), format="coco", tile_px=128)
+    usual = DatasetSpec(search=SearchSpec(style="town", where="crossings=0..", evaluations=20_000))
+    usual = usual.replace(format="coco", tile_px=128)
     camera = (f"rows={_ROWS}", f"columns={_COLUMNS}", "heading=90")
     usual = usual.replace(furnish=_FURNISHED, camera=camera, views=budget.views)
     train = usual.replace(maps=budget.towns, size="7", split=(1, 0, 0), seed=2 * seed)

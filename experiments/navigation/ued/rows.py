@@ -68,7 +68,7 @@ class Row(TypedDict):
 @cache
 def _unseen() -> dict[str, Space]:
     """Returns the maps outside the space: towns of 9 x 9 tiles, and people's maps of up to 8 x 8 where they are."""
-    towns = evolve(0, (9, 9), style="town", seeds=2, evaluations=20_000, progress=False).maps(8)
+    towns = evolve(0, (9, 9), style="town", where="crossings=0..", seeds=2, evaluations=20_000, progress=False).maps(8)
     spaces = {"towns of 9 x 9": make_space(np.stack([town.codes for town in towns]))}
     folder = next(_HUMAN.glob("lib/*/site-packages/duckietown_world/data/gd1/maps"), None)
     if folder is not None:

@@ -117,8 +117,8 @@ def read_maps(part: str, only: str | None = None) -> list[DuckietownMap]:
 
 
 def our_towns(size: int, count: int, seed: int, evaluations: int = 50_000) -> list[NDArray[np.int8]]:
-    """Evolves different maps of size x size tiles, as ``generate --style town`` does."""
-    spec = SearchSpec(style="town", evaluations=evaluations)
+    """Evolves different maps, as ``generate --style town --where crossings=0..`` does."""
+    spec = SearchSpec(style="town", where="crossings=0..", evaluations=evaluations)
     found = evolve(seed_keys(seed, max(2, count // 4)), (size, size), spec=spec, progress=False)
     return [road_map.codes for road_map in found.choose(count, seed).maps]
 
