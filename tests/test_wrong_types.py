@@ -11,7 +11,19 @@ import numpy as np
 import pytest
 
 import elitelanes_jax
-from elitelanes_jax import InputError, RoadMap, benchmark, drive, ea, load_tiles, measure, optimizers, render, tiles
+from elitelanes_jax import (
+    InputError,
+    RoadMap,
+    benchmark,
+    drive,
+    ea,
+    load_tiles,
+    measure,
+    optimizers,
+    photographs,
+    render,
+    tiles,
+)
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.records import Record
 from elitelanes_jax.explorer._collect import collect
@@ -77,17 +89,17 @@ def arguments():
     pufferlib = SimpleNamespace(PufferEnv=taker, emulation=SimpleNamespace(gymnasium=gymnasium))
     road_map, tile = RoadMap(grid), tile_set.tiles[0]
     photo, corners = (
-        tiles.Photograph("a.jpg", np.zeros((240, 320, 3), np.uint8)),
+        photographs.Photograph("a.jpg", np.zeros((240, 320, 3), np.uint8)),
         [[50, 50], [150, 50], [150, 150], [50, 150]],
     )
-    proposal = tiles.Proposal("a.jpg", 320, 240, corners, np.eye(3).tolist(), 0.0, [[6]], [[1.0]], 1.0, {}, "")
+    proposal = photographs.Proposal("a.jpg", 320, 240, corners, np.eye(3).tolist(), 0.0, [[6]], [[1.0]], 1.0, {}, "")
     return {
         "apply": print, "archive": made.empty_archive(), "archives": "a.npz",
         "asked": np.array([0, 1]),
         "axes": paper_axes((4, 4)), "best": np.full((1, len(task.optimum)), np.inf), "best_known": np.zeros(3),
         "batch": 2,
         "bits": np.zeros(3, np.uint32), "camera": drive.Camera(), "codes": grid, "config": optimizers.EvolutionConfig(),
-        "count": 2, "cuts": [tiles.Cut("turn_1", 6, tile.image, "a.jpg", 0, 0)], "depth": 3.0,
+        "count": 2, "cuts": [photographs.Cut("turn_1", 6, tile.image, "a.jpg", 0, 0)], "depth": 3.0,
         "descriptor": np.zeros((2, 5), int), "dtype": np.dtype(np.int32), "environment": drive.RoadNav,
         "evaluate": made.evaluate, "features": {}, "file": "map.json", "files": [], "fill": True,
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
