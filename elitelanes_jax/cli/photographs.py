@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from elitelanes_jax.photographs.cutting import Cut
+    from elitelanes_jax.photographs.lenses import Lens
     from elitelanes_jax.photographs.proposals import Proposal
-    from elitelanes_jax.photographs.reading import Lens, Photograph
+    from elitelanes_jax.photographs.reading import Photograph
     from elitelanes_jax.tiles.tileset import TileSet
 
 _PIXEL = real(-1e6, 1e6, unit="pixels")
@@ -445,7 +446,7 @@ def _corners_of_each(
 
 
 def _read_lens(options: argparse.Namespace) -> "Lens | None":
-    from elitelanes_jax.photographs.reading import read_lens
+    from elitelanes_jax.photographs.lenses import read_lens
 
     return None if options.camera is None else read_lens(options.camera)
 

@@ -4,7 +4,7 @@ They collect problems, so that one call names all.
 """
 
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -241,7 +241,7 @@ def _transparent_grey(content: bytes) -> int | None:
     # The header has the bits of a channel in byte 24, and in byte 25 the type of colours, 0 for
     # greys.
     depth, has_greys = content[24], content[25] == 0
-    for part in _parts_of(content):
+    for part in png_parts(content):
         if has_greys and part.kind == b"tRNS" and len(part.data) == 2:
             # OpenCV scales greys of less than 8 bits to 8 bits. The declared grey is scaled alike.
             white = 2**depth - 1
@@ -266,22 +266,22 @@ def _check_sides(width: int, height: int) -> None:
         raise ValueError(f"it has {width} x {height} pixels, not 1 to {_LONGEST_SIDE} a side")
 
 
-def plain_png(content: bytes, others: Collection[bytes] = ()) -> bytes:
-    """Returns the parts of a PNG file that hold its pixels, and parts of other kinds.
+def plain_png(content: bytes) -> bytes:
+    """Returns the parts of a PNG file that hold its pixels.
 
     Raises `ValueError` if the file is not complete. For damaged files the decoder complains to the
     terminal, and some of the parts that are left out unpack to any size.
     """
     parts = [_PNG]
-    for part in _parts_of(content):
-        if part.kind in _PIXEL_PARTS or part.kind in others:
+    for part in png_parts(content):
+        if part.kind in _PIXEL_PARTS:
             parts.append(part.content)
         if part.kind == b"IEND":
             return b"".join(parts)
     raise ValueError("it is damaged or unfinished")
 
 
-class _Part(NamedTuple):
+class PngPart(NamedTuple):
     """A part of a PNG file.
 
     Attributes:
@@ -295,7 +295,7 @@ class _Part(NamedTuple):
     content: bytes
 
 
-def _parts_of(content: bytes) -> Iterator[_Part]:
+def png_parts(content: bytes) -> Iterator[PngPart]:
     """Yields the parts of a PNG file up to a damaged one."""
     start = len(_PNG)
     for _ in range(_MOST_PARTS):
@@ -305,5 +305,5 @@ def _parts_of(content: bytes) -> Iterator[_Part]:
         checksum = int.from_bytes(content[end - 4 : end])
         if end > len(content) or zlib.crc32(data, zlib.crc32(kind)) != checksum:
             return
-        yield _Part(kind, data, content[start:end])
+        yield PngPart(kind, data, content[start:end])
         start = end

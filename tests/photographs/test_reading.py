@@ -13,22 +13,40 @@ from elitelanes_jax.photographs import (
     Photograph,
     reading,
 )
-from elitelanes_jax.photographs.reading import read_lens
+from elitelanes_jax.photographs._jpeg import is_damaged, read_header
+from elitelanes_jax.photographs.lenses import read_lens
 
 TOWN = photographed.TOWN
 
 
-def test_photographs_are_upright_and_large_ones_smaller(tmp_path, monkeypatch):
-    picture = photographed.photograph(TOWN)
-    photographed.write(tmp_path / "plain.jpg", picture)
-    content = (tmp_path / "plain.jpg").read_bytes()
-    turned = b"Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
-    (tmp_path / "turned.jpg").write_bytes(
-        content[:2] + b"\xff\xe1" + (len(turned) + 2).to_bytes(2) + turned + content[2:]
-    )
-    plain = Photograph.read(tmp_path / "plain.jpg")
-    upright = Photograph.read(tmp_path / "turned.jpg")
-    np.testing.assert_array_equal(upright.image, np.rot90(plain.image, -1))
+def with_exif(content, orientation, order="MM"):
+    """A JPEG or PNG file, with EXIF data that say how the camera was held."""
+    number = ">H" if order == "MM" else "<H"
+    entry = struct.pack(number[0] + "HHIHH", 0x0112, 3, 1, orientation, 0)
+    exif = order.encode() + struct.pack(number[0] + "HIH", 42, 8, 1) + entry + bytes(4)
+    if content[:4] == b"\x89PNG":  # the header ends at byte 33
+        part = b"eXIf" + exif
+        return content[:33] + len(exif).to_bytes(4) + part + zlib.crc32(part).to_bytes(4) + content[33:]
+    segment = b"Exif\0\0" + exif
+    return content[:2] + b"\xff\xe1" + (len(segment) + 2).to_bytes(2) + segment + content[2:]
+
+
+ORIENTATIONS = range(1, 9)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_photographs_are_upright_as_other_programs_show_them(suffix, tmp_path):
+    content = cv2.imencode(suffix, photographed.photograph(TOWN)[:240, :320])[1].tobytes()
+    for orientation in (*ORIENTATIONS, 0, 9):
+        for order in ("MM", "II"):
+            turned = with_exif(content, orientation, order)
+            (tmp_path / f"turned{suffix}").write_bytes(turned)
+            shown = cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR_RGB)
+            np.testing.assert_array_equal(Photograph.read(tmp_path / f"turned{suffix}").image, shown)
+
+
+def test_large_photographs_are_read_smaller(tmp_path, monkeypatch):
+    photographed.write(tmp_path / "plain.jpg", photographed.photograph(TOWN))
     monkeypatch.setattr(reading, "_MOST_READ", 800 * 640 / 3)
     small = Photograph.read(tmp_path / "plain.jpg")
     assert small.image.shape == (320, 400, 3) and small.shrunk == 2
@@ -78,16 +96,40 @@ def test_a_damaged_png_is_refused_without_complaints_of_the_decoder(damage, tmp_
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_png_is_turned_upright(tmp_path):
-    """Its EXIF data are a part of the file beside those that hold pixels."""
-    photographed.write(tmp_path / "plain.png", photographed.photograph(TOWN))
-    content = (tmp_path / "plain.png").read_bytes()
-    exif = b"eXIf" + b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
-    # The header ends at byte 33.
-    part = (len(exif) - 4).to_bytes(4) + exif + zlib.crc32(exif).to_bytes(4)
-    (tmp_path / "turned.png").write_bytes(content[:33] + part + content[33:])
-    plain, upright = (Photograph.read(tmp_path / name).image for name in ("plain.png", "turned.png"))
-    np.testing.assert_array_equal(upright, np.rot90(plain, -1))
+@pytest.mark.parametrize("progressive", [0, 1])
+@pytest.mark.parametrize("damage", ["random", "zeros", "ones", "missing", "unfinished"])
+def test_a_damaged_jpeg_is_named_without_complaints_of_the_decoder(progressive, damage, tmp_path, capfd):
+    """Everything after the damage was shifted or coloured, and a set of these tiles had no problems."""
+    flags = [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive]
+    content = cv2.imencode(".jpg", photographed.photograph(TOWN), flags)[1].tobytes()
+    middle, end, rng = len(content) // 2, len(content) // 2 + 400, np.random.default_rng(0)
+    stretch = {"random": rng.bytes(400), "zeros": bytes(400), "ones": b"\xff" * 400, "missing": b"", "unfinished": b""}
+    damaged = content[:middle] + stretch[damage] + (content[end:] if damage != "unfinished" else b"")
+    (tmp_path / "floor.jpg").write_bytes(damaged)
+    capfd.readouterr()
+    with pytest.raises(InputError, match=r"floor.jpg: expected a whole photograph, .* copy it from the camera again$"):
+        Photograph.read(tmp_path / "floor.jpg")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("sampling", [0x111111, 0x211111, 0x221111])
+def test_one_changed_byte_that_shifts_what_follows_is_damage(sampling):
+    """The decoder complains of half of these files. A shift of few pixels or by few levels is no damage."""
+    plain = np.array(photographed.photograph(TOWN))
+    flags = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]
+    content, rng = cv2.imencode(".jpg", plain, flags)[1].tobytes(), np.random.default_rng(2)
+    assert not is_damaged(read_header(content))
+    decoded, named, harmful = cv2.imdecode(np.frombuffer(content, np.uint8), 1).astype(int), 0, 0
+    for place in rng.integers(len(content) // 10, len(content) * 9 // 10, 40):
+        changed = bytearray(content)
+        changed[place] ^= int(rng.integers(1, 256))
+        header = read_header(bytes(changed))
+        if is_damaged(header):
+            named += 1
+            continue
+        picture = cv2.imdecode(np.frombuffer(bytes(changed), np.uint8), 1)
+        harmful += (np.abs(picture - decoded).max(axis=2) > 16).mean() > 0.02
+    assert named > 8 and harmful <= 2
 
 
 def test_a_png_with_a_wrong_profile_of_colours_is_read_without_complaints(tmp_path, capfd):
@@ -140,12 +182,40 @@ def test_a_grey_photograph_with_one_transparent_grey_is_refused(depth, tmp_path)
         assert (Photograph.read(write(most // 2 + 1)).image[20:] == 255).all()
 
 
-def test_a_calibrated_lens_is_straightened(tmp_path):
-    (tmp_path / "camera.yaml").write_text(
-        "image_width: 400\nimage_height: 320\ndistortion_model: plumb_bob\n"
-        "camera_matrix: {rows: 3, cols: 3, data: [450, 0, 200, 0, 450, 160, 0, 0, 1]}\n"
-        "distortion_coefficients: {rows: 1, cols: 5, data: [-0.25, 0.05, 0, 0, 0]}\n"
+def calibration(width=400, height=320):
+    """A lens whose axis is beside the middle of its pictures, and which is not the same in all directions."""
+    return (
+        f"image_width: {width}\nimage_height: {height}\ndistortion_model: plumb_bob\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [450, 0, 212, 0, 440, 149, 0, 0, 1]}\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [-0.25, 0.05, 0.01, -0.02, 0]}\n"
     )
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
+@pytest.mark.parametrize("size", [(800, 640), (640, 640)])
+def test_the_lens_turns_with_the_picture(orientation, size, tmp_path):
+    """It was applied to the upright picture: corners were off by 2.2 % of a tile, and portraits were refused."""
+    (tmp_path / "camera.yaml").write_text(calibration(*size))
+    lens = read_lens(tmp_path / "camera.yaml")
+    dots = np.zeros((size[1], size[0], 3), np.uint8)
+    cv2.circle(dots, (330, 300), 4, (255, 255, 255), -1)
+    content = cv2.imencode(".png", dots)[1].tobytes()
+    (tmp_path / "plain.png").write_bytes(content)
+    (tmp_path / "turned.png").write_bytes(with_exif(content, orientation))
+    plain = Photograph.read(tmp_path / "plain.png", lens)
+    turned = Photograph.read(tmp_path / "turned.png", lens)
+    # Turning afterwards is what other programs would do with the straightened picture.
+    straight = cv2.imencode(".png", plain.image[..., ::-1])[1].tobytes()
+    shown = cv2.imdecode(np.frombuffer(with_exif(straight, orientation), np.uint8), cv2.IMREAD_COLOR_RGB)
+    np.testing.assert_array_equal(turned.image, shown)
+    viewed = cv2.imdecode(np.frombuffer(with_exif(content, orientation), np.uint8), cv2.IMREAD_GRAYSCALE)
+    dot, seen = (np.argwhere(picture > 128).mean(axis=0)[None, ::-1] for picture in (viewed, turned.image[..., 0]))
+    np.testing.assert_allclose(turned.pixels_of(dot), seen, atol=0.5)
+    assert np.linalg.norm(seen - dot) > 5
+
+
+def test_a_calibrated_lens_is_straightened(tmp_path):
+    (tmp_path / "camera.yaml").write_text(calibration())
     lens = read_lens(tmp_path / "camera.yaml")
     dots = np.zeros((640, 800, 3), np.uint8)
     cv2.circle(dots, (120, 90), 4, (255, 255, 255), -1)
@@ -165,9 +235,9 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
-        ("[.nan, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
-        (f"[1{'0' * 400}, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
-        ("[f, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
+        ("[.nan, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected a list of 9 numbers"),
+        (f"[1{'0' * 400}, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected a list of 9 numbers"),
+        ("[f, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected a list of 9 numbers"),
         ("[0, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected focal lengths over 0, got 0 and 450"),
         ("[450, 0, 200, 0, 450, 160, 0, 0, 0]", "camera_matrix: expected a last row of 0, 0, 1, got 0, 0, 0"),
     ],
@@ -203,3 +273,81 @@ def test_a_size_that_unfolds_to_a_long_text_is_told_in_short(tmp_path):
     with pytest.raises(InputError, match="expected image_width and image_height in pixels, got ") as caught:
         read_lens(tmp_path / "camera.yaml")
     assert len(str(caught.value)) < 400
+
+
+MATRIX, BENT = "450, 0, 212, 0, 440, 149, 0, 0, 1", "-0.25, 0.05, 0.01, -0.02"
+SENSOR = "width: 400\nheight: 320\n"
+KALIBR = "camera_model: pinhole\n  intrinsics: [450, 440, 212, 149]\n  resolution: [400, 320]\n"
+LENSES = {
+    "ROS": f"image_width: 400\nimage_height: 320\ncamera_name: duckiebot\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
+    f"  data: [{MATRIX}]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n  data: [{BENT}, 0]\n",
+    "whole numbers with a point": f"image_width: 400.0\nimage_height: 320.0\ncamera_matrix: {{data: [{MATRIX}]}}\n"
+    f"distortion_coefficients: {{data: [{BENT}]}}\n",
+    "OpenCV": '%YAML:1.0\n---\ncalibration_time: "Mon 01 Jan"\nimage_width: 400\nimage_height: 320\nflags: 0\n'
+    f"camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {MATRIX} ]\n"
+    f"distortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n   data: [ {BENT}, 0. ]\n",
+    "OpenCV's JSON": '{"image_width": 400, "image_height": 320, "camera_matrix": {"type_id": "opencv-matrix", '
+    f'"rows": 3, "cols": 3, "dt": "d", "data": [{MATRIX}]}}, "distortion_coefficients": {{"data": [{BENT}, 0]}}}}',
+    "older OpenCV": "%YAML:1.0\nimage_Width: 400\nimage_Height: 320\n"
+    f"Camera_Matrix: !!opencv-matrix\n   data: [ {MATRIX} ]\n"
+    f"Distortion_Coefficients: !!opencv-matrix\n   data: [ {BENT} ]\n",
+    "CameraInfo of ROS 1": f"header:\n  seq: 1\n{SENSOR}distortion_model: plumb_bob\nD: [{BENT}, 0.0]\nK: [{MATRIX}]\n"
+    "R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nbinning_x: 0\nroi: {x_offset: 0, y_offset: 0, height: 0, width: 0}\n---\n",
+    "CameraInfo of ROS 2": f"{SENSOR}distortion_model: plumb_bob\nd:\n"
+    + "".join(f"- {number}\n" for number in BENT.split(", "))
+    + "k:\n"
+    + "".join(f"- {number}\n" for number in MATRIX.split(", "))
+    + "---\nwidth: 7\n",
+    "Kalibr": f"cam0:\n  {KALIBR}  distortion_model: radtan\n  distortion_coeffs: [{BENT}]\n  rostopic: /camera\n",
+}
+
+
+@pytest.mark.parametrize("kind", LENSES)
+def test_calibrations_of_other_programs_are_read(kind, tmp_path):
+    (tmp_path / "camera.yaml").write_text(LENSES[kind])
+    lens = read_lens(tmp_path / "camera.yaml")
+    assert lens.matrix.ravel().tolist() == [float(number) for number in MATRIX.split(", ")]
+    assert lens.distortion[:4].tolist() == [float(number) for number in BENT.split(", ")]
+    assert not lens.distortion[4:].any() and not lens.fisheye
+    assert (lens.width, lens.height) == (400, 320)
+
+
+def test_fisheye_lenses_of_other_programs_are_read(tmp_path):
+    fisheye = {
+        "OpenCV": LENSES["OpenCV"].replace(", 0. ]", "]") + "fisheye_model: 1\n",
+        "Kalibr": LENSES["Kalibr"].replace("radtan", "equidistant"),
+        "ROS": LENSES["CameraInfo of ROS 2"].replace("plumb_bob", "equidistant"),
+    }
+    for text in fisheye.values():
+        (tmp_path / "camera.yaml").write_text(text)
+        assert read_lens(tmp_path / "camera.yaml").fisheye
+    (tmp_path / "camera.yaml").write_text(LENSES["Kalibr"].replace("radtan", "none"))
+    assert not read_lens(tmp_path / "camera.yaml").distortion.any()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('<?xml version="1.0"?>\n<opencv_storage/>', "in YAML, got XML; save it as .yml with OpenCV"),
+        ("# oST version 5.0 parameters\n[image]\n", "in YAML, got an INI file; name the .yaml file next to it"),
+        ("M1: [1]\nD1: [1]\n", "camera_matrix of ROS or OpenCV, K of CameraInfo, or cam0 of Kalibr, got 'm1', 'd1'"),
+        ("- 1\n", "or cam0 of Kalibr, got none"),
+        (f"cam0:\n  {KALIBR}cam1:\n  {KALIBR}", "expected one camera, got cam0, cam1; keep the one that took"),
+        ("cam0: {camera_model: omni}", "cam0: camera_model: expected pinhole, got 'omni'"),
+        (f"cam0:\n  {KALIBR}  distortion_model: fov\n", "cam0: distortion_model: expected radtan or .*, got 'fov'"),
+        (LENSES["Kalibr"].replace("[450, ", "["), "cam0: intrinsics: expected a list of 4 numbers"),
+        (
+            LENSES["Kalibr"].replace("400, 320", "400"),
+            "expected cam0: resolution, .* got None and None",
+        ),
+        (LENSES["ROS"].replace("plumb_bob", "telecentric"), "distortion_model: expected plumb_bob or .*'telecentric'"),
+        (LENSES["ROS"].replace("image_width: 400", "image_width: 400.5"), "expected image_width and .*, got 400.5 and"),
+        (LENSES["CameraInfo of ROS 1"].replace("x_offset: 0", "x_offset: 8"), "roi: expected pictures of the whole"),
+        (LENSES["CameraInfo of ROS 1"].replace(f"K: [{MATRIX}]", "K: [0, 0, 0]"), "k: expected a list of 9 numbers"),
+        (LENSES["CameraInfo of ROS 1"].replace("K: [450", "K: [0"), "k: expected focal lengths over 0, got 0 and 440"),
+    ],
+)
+def test_other_calibrations_are_refused_by_what_they_are(text, message, tmp_path):
+    (tmp_path / "camera.yaml").write_text(text)
+    with pytest.raises(InputError, match=f"camera.yaml: .*{message}"):
+        read_lens(tmp_path / "camera.yaml")
