@@ -1,6 +1,6 @@
 """Cuts tiles out of photographs, each a square picture seen from above."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple
@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, check_unique, path
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
 from elitelanes_jax.photographs._views import flatten, places_of
 from elitelanes_jax.photographs.proposals import SURE, Proposal
 from elitelanes_jax.photographs.reading import Photograph
-from elitelanes_jax.tiles.files import check_picture
-from elitelanes_jax.tiles.light import ground_of, in_daylight
+from elitelanes_jax.tiles.files import Tile, check_picture
+from elitelanes_jax.tiles.light import ground_of
 from elitelanes_jax.tiles.masking import MaskedTile, propose_masks
 from elitelanes_jax.tiles.rendering import write_png
+from elitelanes_jax.tiles.sides import measure_lanes
+from elitelanes_jax.tiles.strips import without_strips
 from elitelanes_jax.tiles.tileset import MASKS
 
 # The least and the largest side of a cut picture in pixels. Between them, the side is that in the
@@ -32,12 +35,6 @@ _COMPARED_PX = 96
 _LEAST_COMPARED = 100
 # The correlation of the ground above which two pictures show the same tile.
 _COPY = 0.2
-# The distance from a side, in tiles, within which the tape of a neighbour is seen.
-_RIM = 0.03
-# The hues of red tape, as OpenCV counts them.
-_RED_HUES = (165, 10)
-# The least saturation of red tape that is mixed with what is beside it.
-_REDDISH = 70
 
 
 class Cut(NamedTuple):
@@ -92,6 +89,7 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
             cv2.resize(large, (tile_px, tile_px), interpolation=cv2.INTER_AREA), np.uint8
         )
         code = int(codes[row, column])
+        image = without_strips(image, code)
         of_kind = [cut for cut in (*earlier, *cuts) if KIND_OF[cut.code] == KIND_OF[code]]
         name = _next_name(KIND_OF[code], of_kind)
         original = _find_original(of_kind, code, image)
@@ -179,33 +177,17 @@ def _turns_to_first(code: int) -> list[int]:
 
 def mask_cut(cut: Cut) -> dict[str, NDArray[np.bool_]]:
     """Proposes the masks of a tile. Stop lines are on crossings alone."""
-    if CONNECTIONS[cut.code] >= 3:
-        return propose_masks(cut.image)
-    masks = propose_masks(_without_red_rim(cut.image))
-    masks["red"] = np.zeros_like(masks["red"])
+    masks = propose_masks(cut.image)
+    if CONNECTIONS[cut.code] < 3:
+        masks["red"] = np.zeros_like(masks["red"])
     return masks
-
-
-def _without_red_rim(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Replaces what is red near the sides by the pixels inside of it.
-
-    The stop line of a neighbour may be over the border.
-    """
-    rim = round(len(image) * _RIM)
-    inside = cv2.copyMakeBorder(image[rim:-rim, rim:-rim], rim, rim, rim, rim, cv2.BORDER_REPLICATE)
-    hue, saturation, _ = np.moveaxis(cv2.cvtColor(in_daylight(image), cv2.COLOR_RGB2HSV), -1, 0)
-    is_red = ((hue >= _RED_HUES[0]) | (hue <= _RED_HUES[1])) & (saturation >= _REDDISH)
-    # The pixels next to red ones are mixed with red.
-    is_red = cv2.dilate(is_red.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    is_red[rim:-rim, rim:-rim] = False
-    return np.where(is_red[..., None], inside, image)
 
 
 @name_wrong_arguments
 def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[MaskedTile]:
-    """Writes a tile set: the picture of each tile, and proposed masks.
+    """Writes a tile set: the picture of each tile, proposed masks, and where lanes run.
 
-    Files of the same names are replaced.
+    Files of the same names are replaced, except tileset.toml.
 
     Returns:
       What was written of each tile: its `folder`, its `image`, and its `masks` by name.
@@ -222,4 +204,26 @@ def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[MaskedTile]:
         for name, mask in tile.masks.items():
             write_png(tile.folder / f"{name}.png", mask.astype(np.uint8) * 255)
         written.append(tile)
+    write_lane_offset(folder, map(_tile_of, cuts, written))
     return written
+
+
+def _tile_of(cut: Cut, tile: MaskedTile) -> Tile:
+    road, red, yellow = (tile.masks[name] for name in MASKS)
+    return Tile(cut.name, cut.code, cut.image, road, red, yellow)
+
+
+def write_lane_offset(folder: Path, tiles: Iterable[Tile]) -> None:
+    """Writes tileset.toml with the measured offset of the lanes, unless there is such a file.
+
+    An offset that the tiles do not agree on is not written.
+    """
+    file = folder / "tileset.toml"
+    lanes = measure_lanes(tiles)
+    if lanes.is_trusted and not file.exists():
+        lines = [
+            f"# Measured at {lanes.sides} sides of the tiles: the mean, and the standard deviation.",
+            f"lane_offset = {lanes.offset:.4f}",
+            f"lane_offset_spread = {lanes.spread:.4f}",
+        ]
+        write_atomic(file, "\n".join([*lines, ""]).encode())

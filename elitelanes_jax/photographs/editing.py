@@ -31,7 +31,7 @@ from elitelanes_jax._util.files import free_name, write_atomic
 from elitelanes_jax._util.folders import check_renamable, output_folder
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.photographs.cutting import cut_tiles, mask_cut
+from elitelanes_jax.photographs.cutting import cut_tiles, mask_cut, write_lane_offset
 from elitelanes_jax.photographs.proposals import Proposal, propose_tiles
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.files import Layer, read_image
@@ -286,6 +286,9 @@ class HandWork:
                 write_png(target / name / f"{mask}.png", pixels.astype(np.uint8) * 255)
             written.append(MaskedTile(target / name, picture.layer.pixels, masks, ()))
         write_png(target / "masks.png", proposal_sheet("Masks corrected by hand", written))
+        tile_set, _ = inspect_tiles(target)
+        if tile_set is not None:
+            write_lane_offset(target, tile_set.tiles)
 
 
 def _copy_other_files(folder: Path, target: Path) -> None:

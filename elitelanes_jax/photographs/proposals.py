@@ -13,16 +13,15 @@ from elitelanes_jax._util.checks import check_named, floor_shape, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.photographs._borders import contrasts
-from elitelanes_jax.photographs._kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
+from elitelanes_jax.photographs._cells import fitted_cells, guessed_cells
+from elitelanes_jax.photographs._kinds import Kinds, read_kinds
 from elitelanes_jax.photographs._outline import find_corners
 from elitelanes_jax.photographs._registration import Fit, fit_view, largest_spread
 from elitelanes_jax.photographs._single import SIDES_OF_TILE, fit_tile
 from elitelanes_jax.photographs._views import (
     FloorView,
     Points,
-    flatten,
     floor_corners,
-    places_of,
     view_of,
 )
 from elitelanes_jax.photographs.reading import Photograph
@@ -251,7 +250,7 @@ def propose_tiles(
         else:
             # Exact corners have nearly no spread, and all of their border counts as seen.
             fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
-            kinds = _read(image, fitted.view, shape, tiles, within=True)
+            kinds = read_kinds(fitted_cells(image, fitted.view, shape), tiles)
         proposals.append(_proposal(photograph, fitted, kinds, codes, ignored))
         if proposals[-1].score > _ENOUGH:
             break
@@ -269,14 +268,14 @@ def _fit(
     """Fits a view to the photograph, and reads the kinds in it."""
     if shape == (1, 1):
         fitted = fit_tile(image, start.view)
-        return fitted, _read(image, fitted.view, shape, tiles, within=True)
+        return fitted, read_kinds(fitted_cells(image, fitted.view, shape), tiles)
     fitted = fit_view(image, start.view, start.codes)
-    kinds = _read(image, fitted.view, shape, tiles, within=True)
+    kinds = read_kinds(fitted_cells(image, fitted.view, shape), tiles)
     corrected = _corrected_codes(kinds, start.codes, is_map=is_map)
     if corrected is not None:
         # Cells were compared with cells of another kind.
         fitted = fit_view(image, fitted.view, corrected)
-        kinds = _read(image, fitted.view, shape, tiles, within=True)
+        kinds = read_kinds(fitted_cells(image, fitted.view, shape), tiles)
     return fitted, kinds
 
 
@@ -401,30 +400,11 @@ def _starts(
                 low, right, bottom = -inset, columns + inset, rows + inset
                 outer = np.array([[low, low], [right, low], [right, bottom], [low, bottom]])
                 view = view_of(view.pixels_of(outer), rows, columns, view.width, view.height)
-            kinds = _read(image, view, shape, tiles)
+            kinds = read_kinds(guessed_cells(image, view, shape), tiles)
             laid = kinds.codes if codes is None else codes
             if laid.any():
                 starts.append(_Start(float(_alike(kinds, laid).mean()), view, laid))
     return starts
-
-
-def _read(
-    image: NDArray[np.uint8],
-    view: FloorView,
-    shape: tuple[int, int],
-    tiles: TileSet,
-    *,
-    within: bool = False,
-) -> Kinds:
-    """Reads the kinds of a floor.
-
-    `within` mirrors it at its border, so that a bright floor adds no light.
-    """
-    places = places_of(*shape, READ_PX, MARGIN_PX)
-    if within:
-        end = np.array(shape[::-1])
-        places = end - np.abs(end - np.abs(places))
-    return read_kinds(flatten(image, view, places, READ_PX), *shape, tiles)
 
 
 def _alike(kinds: Kinds, codes: NDArray[np.int8]) -> NDArray[np.float64]:

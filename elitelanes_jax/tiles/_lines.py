@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, SIDES, WEST, Side, exchange_sides
 from elitelanes_jax.tiles.files import Tile
+from elitelanes_jax.tiles.strips import TAPE, find_strips
 
 # The largest part of a tile's area that stop lines, red, and lane separators, yellow, cover.
 _LARGEST_AREA = {"red": 0.25, "yellow": 0.15}
 # The least part of a line's area on the road.
 _ON_ROAD = 0.95
-# The largest displacement of an edge or a middle, in tiles.
+# The largest displacement of the road's middle and of a stop line's beginning, in tiles.
 _OFF = 0.04
+# The largest distance from the road's middle, in tiles, of a separator and of a stop line's end on
+# the outgoing lane. People tape them up to 0.05 beside it.
+_BESIDE_MIDDLE = 0.06
 # The least part of a line's area that differs more from the road's colour than 95 % of the road.
 _DISTINCT = 0.7
 # The depth of the strip along a side, in tiles, that has its stop line, and where a separator's
@@ -32,6 +36,11 @@ _LINE_STRIP_DEPTH = 1 / 8
 _SEPARATOR_STRIP_DEPTH = 1 / 4
 # The least part of the incoming lane's width that its stop line covers.
 _COVERED = 0.75
+# The least depth of a neighbour's tape, and the least part of a side that it is along, in tiles. One
+# of four photographs has a white line of 0.0025 along a side that its road leaves by.
+_STRIP_DEPTH, _STRIP_LENGTH = 0.005, 0.04
+# The half width of the strip around a road's middle in which its separator is, in tiles.
+_SEPARATOR_ZONE = 0.08
 _NAMES = {"red": "stop lines", "yellow": "lane separators"}
 
 
@@ -87,6 +96,7 @@ def _mirrored(tile: Tile) -> Tile:
 def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
     opened = [side for side in SIDES if tile.code & side.bit]
     yield from _road_faults(tile, opened)
+    yield from (("image", fault) for fault in _strip_faults(tile))
     # The places of lines are checked only if the lines are on the road and not too large.
     sound = {}
     for name, most in _LARGEST_AREA.items():
@@ -123,6 +133,23 @@ def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
         if sound["red"] and crosses:
             for fault in _stop_line_faults(red, across):
                 yield "red", f"{fault} at the side {side.letter}"
+
+
+def _strip_faults(tile: Tile) -> Iterator[str]:
+    """Checks that a picture shows no tape of a neighbour."""
+    size = len(tile.image)
+    middle = np.abs((np.arange(size) + 0.5) / size - 0.5) < _SEPARATOR_ZONE
+    for strip in find_strips(tile.image, tile.code, TAPE):
+        is_open = bool(tile.code & strip.side.bit)
+        seen = strip.depths >= max(2, round(_STRIP_DEPTH * size))
+        if strip.colour == "yellow" and is_open and CONNECTIONS[tile.code] < 3:
+            # A dash of the tile itself may end near the border.
+            seen &= ~middle
+        if seen.mean() >= _STRIP_LENGTH:
+            yield (
+                f"expected no {strip.colour} tape of a neighbour at the side {strip.side.letter}, "
+                f"got a strip along {seen.mean():.0%} of it"
+            )
 
 
 def _road_faults(tile: Tile, opened: Sequence[Side]) -> Iterator[tuple[str, str]]:
@@ -166,7 +193,7 @@ def _separator_faults(yellow: NDArray[np.bool_], road: _Road, *, required: bool)
         yield "expected a lane separator that begins"
     columns = np.nonzero(yellow[: round(_LINE_STRIP_DEPTH * size)])[1]
     off = abs(columns.mean() + 0.5 - road.middle) / size if len(columns) else 0
-    if off > _OFF:
+    if off > _BESIDE_MIDDLE:
         yield (
             f"expected lane separators in the road's middle, got one {off:.0%} of a tile beside it"
         )
@@ -190,6 +217,6 @@ def _stop_line_faults(red: NDArray[np.bool_], road: _Road) -> Iterator[str]:
         )
     elif not strip[: round(_OFF * size), start:middle].any():
         yield "expected a stop line that begins"
-    over = lines[middle + round(_OFF * size) : round(road.middle + road.width / 4)]
+    over = lines[middle + round(_BESIDE_MIDDLE * size) : round(road.middle + road.width / 4)]
     if over.any():
         yield f"expected no stop line on the outgoing lane, got one on {over.mean():.0%} of it"

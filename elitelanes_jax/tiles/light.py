@@ -51,12 +51,6 @@ def even_light(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.clip(np.rint(daylight), 0, 255).astype(np.uint8)
 
 
-def in_daylight(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Returns an RGB picture of a tile whose ground has the colour of asphalt in daylight."""
-    daylight = _whiten(image, ground_of(image, image.shape[0]))
-    return np.clip(np.rint(daylight), 0, 255).astype(np.uint8)
-
-
 def _whiten(image: NDArray[np.uint8], ground: NDArray[np.float32]) -> NDArray[np.float32]:
     """Divides the channels of a picture by the colour of its light; none gets darker."""
     bare = image.max(axis=2) + np.float32(4) < _BARE * ground

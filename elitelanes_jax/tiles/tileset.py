@@ -10,7 +10,8 @@ empty cells, and no mask is there.
 A tile opens the sides that its road reaches. New maps have no dead ends: an end is for maps drawn
 by hand or repaired. An optional ``tileset.toml`` has a ``name`` and a ``licence``. Without ``blend
 = false`` the tiles are blended as photographs, whose light differs. ``lane_offset`` says where
-lanes run: tiles from the road's middle to a lane's centre.
+lanes run: tiles from the road's middle to a lane's centre. ``lane_offset_spread`` is its standard
+deviation, if it was measured.
 
 Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would
 have its stop lines on the wrong side.
@@ -27,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, is_folder, path, path_exists
+from elitelanes_jax._util.checks import check_named, is_folder, is_real, path, path_exists
 from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain
@@ -63,12 +64,17 @@ def _is_truth_value(value: Plain) -> bool:
     return isinstance(value, bool)
 
 
+def _is_spread(value: Plain) -> bool:
+    return is_real(value) and 0 <= value < 0.5
+
+
 # The keys of tileset.toml: a test of the value, and what is expected, for messages.
 _KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "name": (_is_name, "name to be a line of text"),
     "licence": (_is_line, "licence to be a line of text"),
     "blend": (_is_truth_value, "blend to be true or false"),
     "lane_offset": (is_lane_offset, "lane_offset to be a number over 0 and under 0.5"),
+    "lane_offset_spread": (_is_spread, "lane_offset_spread to be a number from 0 to under 0.5"),
 }
 # The least part of a side that is road if a road reaches it.
 _TOUCHES = 0.1
@@ -97,6 +103,8 @@ class TileSet:
       blend: whether the tiles are blended on a map, as photographs need it: equal light, feathered
         seams.
       lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5.
+      lane_offset_spread: the standard deviation of the lane offsets at the sides of the tiles, if
+        `tiles cut` measured them; otherwise None.
     """
 
     name: str
@@ -104,6 +112,7 @@ class TileSet:
     tiles: tuple[Tile, ...]
     blend: bool = False
     lane_offset: float = LANE_OFFSET
+    lane_offset_spread: float | None = None
 
     @cached_property
     def pictures(self) -> tuple[Tile, ...]:
@@ -232,6 +241,7 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
         tiles=tuple(tiles),
         blend=about.get("blend", True),
         lane_offset=float(about.get("lane_offset", LANE_OFFSET)),
+        lane_offset_spread=about.get("lane_offset_spread"),
     )
     return tile_set, []
 

@@ -1,15 +1,16 @@
 """How exactly are tiles cut out of photographs, and how often is a wrong cut not refused?
 
-    python -m experiments.perception.cutting [--only {floors,tiles,hand,wrong}] [--count N] [--tiles DIR...] [--first N]
-        [--out DIR]
+    python -m experiments.perception.cutting [--only {floors,tiles,hand,seams,wrong}] [--count N] [--tiles DIR...]
+        [--first N] [--out DIR]
 
 Floors of 12 to 30 tiles, and single tiles on six kinds of floor, photographed by `synthetic_photographs.py`. The tile
 sets are drawn with seeds that no parameter was chosen with. A cut is right if no corner of a tile is off by more than
 1 % of a tile. The program is given the size of the floor and nothing else.
 
-`hand` has floors whose tiles of a kind differ, as if they were taped one by one. `wrong` has the same floors with wrong
-corners, a wrong size or a mirrored photograph, and photographs without a floor. Each should be refused, or cut
-right all the same.
+`hand` has floors whose tiles of a kind differ, as if they were taped one by one. `seams` has floors whose crossings
+touch, and whose separators are up to 5 % of a tile beside the middle. A strip of a neighbour that is left in a cut tile
+fails the check. `wrong` has the floors of `hand` with wrong corners, a wrong size or a mirrored photograph, and
+photographs without a floor. Each should be refused, or cut right all the same.
 """
 
 import argparse
@@ -35,6 +36,7 @@ from experiments.perception.synthetic_photographs import (
     draw_scene,
     draw_set,
     lay_floor,
+    move_middle,
     photograph,
     tape_by_hand,
 )
@@ -46,7 +48,9 @@ _HELD_BACK = (401, 402, 403, 404)  # seeds of tile sets that no parameter was ch
 _DRAW = 2027  # seed of the photographs; parameters were chosen with photographs of another one
 _RIGHT = 0.01  # tiles
 _SURE = 0.5  # scores from which tiles are cut
-_KINDS = {"floors": 50, "tiles": 120, "hand": 48, "wrong": 24}
+_KINDS = {"floors": 50, "tiles": 120, "hand": 48, "seams": 10, "wrong": 24}
+# All of these crossings touch.
+_TOUCHING = np.array([[6, 7, 7, 3], [14, 15, 15, 11], [14, 15, 15, 11], [12, 13, 13, 9]], np.int8)
 _MEMBERS = 8  # of each tile that is taped by hand: on a real floor, no two tiles are the same
 
 
@@ -80,7 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("cutting", __doc__)
     parser.add_argument("--only", choices=tuple(_KINDS), help="kind of photographs; default all")
-    parser.add_argument("--count", type=whole(1), metavar="N", help="photographs; default 50 floors, 120 tiles, 48, 24")
+    counts = ", ".join(f"{count} {kind}" for kind, count in _KINDS.items())
+    parser.add_argument("--count", type=whole(1), metavar="N", help=f"photographs; default {counts}")
     parser.add_argument(
         "--tiles", type=Path, nargs="+", metavar="DIR", help="photograph these sets in turn instead of drawn ones"
     )
@@ -134,12 +139,15 @@ def _tiles_of(index: int, folders: tuple[Path, ...]) -> TileSet:
 
 
 def _lay(kind: str, index: int, folders: tuple[Path, ...]) -> _Laid:
-    rng = np.random.default_rng([("floors", "tiles", "hand").index(kind), index, _DRAW])
+    rng = np.random.default_rng([("floors", "tiles", "hand", "seams").index(kind), index, _DRAW])
     tiles = _tiles_of(index, folders)
     floor = list(FLOORS)[index % len(FLOORS)]
     if kind == "hand":
         floor = list(FLOORS)[index // max(len(folders), 1) % len(FLOORS)]
         tiles = tape_by_hand(tiles, rng, _MEMBERS)
+    if kind == "seams":
+        seen = photograph(rng, _TOUCHING, move_middle(tiles, rng), floor, fill=(0.75, 1.0))
+        return _Laid(floor, _TOUCHING, seen, rng)
     if kind == "tiles":
         codes = np.array([[rng.choice(tiles.alphabet)]], np.int8)
         seen = photograph(rng, codes, tiles, floor, fill=(0.4, 0.8))

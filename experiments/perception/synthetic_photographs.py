@@ -5,6 +5,7 @@ with radial distortion, blur, noise and JPEG's losses. The light has a gradient,
 colour, and is cut by the shadow of a person or a table. Under the tiles is one of six kinds of floor.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -16,7 +17,17 @@ from elitelanes_jax.tiles import Tile, TileSet, render
 from experiments.perception.draw_tiles import TILES, draw
 from experiments.perception.training_sets import shift_lines
 
-__all__ = ["FLOORS", "SCENES", "Photographed", "draw_scene", "draw_set", "lay_floor", "photograph", "tape_by_hand"]
+__all__ = [
+    "FLOORS",
+    "SCENES",
+    "Photographed",
+    "draw_scene",
+    "draw_set",
+    "lay_floor",
+    "move_middle",
+    "photograph",
+    "tape_by_hand",
+]
 
 FLOORS = {
     "wood": (190, 140, 96),
@@ -126,6 +137,31 @@ def tape_by_hand(tiles: TileSet, rng: np.random.Generator, members: int) -> Tile
     return TileSet(f"{tiles.name}, by hand", "", tuple(taped))
 
 
+def move_middle(tiles: TileSet, rng: np.random.Generator, most: float = 0.05) -> TileSet:
+    """Displaces what is in the middle of each tile's sides: separators, and the ends of stop lines.
+
+    Each tile has displacements of its own, so that the lines of neighbours do not meet.
+
+    Args:
+      tiles: to start from.
+      rng: of everything random.
+      most: the largest displacement in tiles.
+    """
+    moved = []
+    for tile in tiles.tiles:
+        side = len(tile.road)
+        places = (np.arange(side) + 0.5) / side
+        across, down = (places - rng.uniform(-most, most) * np.sin(np.pi * places) ** 2 for _ in range(2))
+        x, y = np.meshgrid(*((at * side - 0.5).astype(np.float32) for at in (across, down)))
+        image = cv2.remap(tile.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        road, red, yellow = (
+            cv2.remap(np.asarray(mask, np.uint8), x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
+            for mask in (tile.road, tile.red, tile.yellow)
+        )
+        moved.append(tile._replace(image=np.asarray(image, np.uint8), road=road, red=red, yellow=yellow))
+    return replace(tiles, tiles=tuple(moved))
+
+
 def draw_scene(rng: np.random.Generator, name: str, tiles: TileSet) -> NDArray[np.uint8]:
     """Draws a photograph, uint8 ``[H, W, 3]``, RGB, of one of `SCENES`."""
     if name == "one tile":
@@ -160,7 +196,7 @@ def lay_floor(rng: np.random.Generator, shape: tuple[int, int], tiles: TileSet) 
 def photograph(
     rng: np.random.Generator, codes: NDArray[np.int8], tiles: TileSet, floor: str, *, fill: tuple[float, float]
 ) -> Photographed:
-    """Draws a photograph of tiles that lie on a floor.
+    """Draws a photograph of tiles that lie on a floor, where nothing blends their seams.
 
     Args:
       rng: of everything random.
@@ -180,7 +216,8 @@ def photograph(
     # Tiles are drawn about as large as they are seen: a sharper picture would alias.
     seen = np.linalg.norm(np.diff(places[HEIGHT // 2, WIDTH // 2 - 1 : WIDTH // 2 + 1], axis=0))
     px = int(np.clip(1.2 / seen, 64, 512))
-    laid = np.asarray(render(codes, tiles, tile_px=px, seed=int(rng.integers(2**31))).image, np.float32)
+    unblended = replace(tiles, blend=False)
+    laid = np.asarray(render(codes, unblended, tile_px=px, seed=int(rng.integers(2**31))).image, np.float32)
     covered = np.asarray(np.kron(codes > 0, np.ones((px, px))), np.float32)
     at_x, at_y = np.moveaxis(places * px - 0.5, -1, 0)
     image = _floor(rng, floor)

@@ -1,16 +1,21 @@
 """Tiles that are cut out of photographs, and floors that are compared with a plan."""
 
+import cv2
 import numpy as np
 import photographed
 import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.lanes.curves import LANE_OFFSET
+from elitelanes_jax.network.codes import CONNECTIONS, ROAD_ALPHABET
 from elitelanes_jax.photographs import Photograph, cut_tiles, propose_tiles, write_cuts
 from elitelanes_jax.photographs.comparison import find_differences, turn_floor, turn_to_plan
 from elitelanes_jax.photographs.cutting import mask_cut
 from elitelanes_jax.photographs.proposals import SURE
+from elitelanes_jax.tiles import inspect_tiles, load_tiles, sides
+from elitelanes_jax.tiles.sides import measure_lanes
+from elitelanes_jax.tiles.strips import MIXED, find_strips
 
 TOWN = photographed.TOWN
 CORNERS = photographed.corners_of(3, 3)
@@ -78,15 +83,48 @@ def test_a_proposal_for_another_photograph_is_refused(shot, proposal, change, me
         cut_tiles(shot._replace(name="floor"), proposal._replace(**change))
 
 
-def test_the_stop_line_of_a_neighbour_leaves_no_notch_in_the_road_of_a_turn(shot, proposal):
-    turn = next(cut for cut in cut_tiles(shot, proposal) if cut.code == 6)
-    size = len(turn.image)
-    stained = turn.image.copy()
-    # Mixed with asphalt, on a part of the side E where the road leaves the tile.
-    stained[size // 2 : round(0.85 * size), -3:] = (150, 96, 95)
-    masks, plain = (mask_cut(turn._replace(image=image)) for image in (stained, turn.image))
-    np.testing.assert_array_equal(masks["road"][:, -1], plain["road"][:, -1])
-    assert not masks["red"].any()
+def test_the_masks_of_cuts_are_those_of_the_tiles_that_were_photographed(shot, proposal):
+    """A strip of a neighbour's stop line was in most cut tiles: a notch of the road, or a line on it."""
+    for cut in cut_tiles(shot, proposal):
+        masks = mask_cut(cut)
+        assert list(find_strips(cut.image, cut.code, MIXED)) == []
+        assert masks["red"].any() == (CONNECTIONS[cut.code] > 2)
+
+
+TOUCHING = np.array([[6, 7, 7, 3], [14, 15, 15, 11], [12, 13, 13, 9]], np.int8)
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
+def test_floors_whose_crossings_touch_need_no_hand(seed, tmp_path):
+    """The stop line of the next crossing was taken for one on the outgoing lane."""
+    corners = photographed.corners_of(3, 4, tilt=35, turn=-6 * seed)
+    picture = photographed.photograph(TOUCHING, corners * 2, seed=seed, size=(1600, 1280))
+    floor = Photograph("floor", cv2.GaussianBlur(picture, (0, 0), 1.2))
+    proposal = propose_tiles(floor, codes=TOUCHING)
+    assert proposal.score >= SURE
+    write_cuts(tmp_path / "set", cut_tiles(floor, proposal))
+    # The floor has no straight.
+    assert [
+        line for line in inspect_tiles(tmp_path / "set", lines=True)[1] if "every kind a map needs" not in line
+    ] == []
+
+
+def test_cutting_writes_where_the_lanes_run(shot, proposal, tmp_path, drawn_tiles):
+    """The set had the default, and poses beside the lane's middle were off by 1 cm."""
+    write_cuts(tmp_path / "set", cut_tiles(shot, proposal))
+    tiles = load_tiles(tmp_path / "set")
+    assert tiles.lane_offset == pytest.approx(measure_lanes(drawn_tiles.tiles).offset, abs=0.003)
+    assert tiles.lane_offset != LANE_OFFSET and tiles.lane_offset_spread < 0.01
+    # A file of the user is not replaced.
+    (tmp_path / "set" / "tileset.toml").write_text("lane_offset = 0.25\n")
+    write_cuts(tmp_path / "set", cut_tiles(shot, proposal))
+    assert load_tiles(tmp_path / "set").lane_offset == 0.25
+
+
+def test_an_offset_that_the_sides_do_not_agree_on_is_not_written(shot, proposal, tmp_path, monkeypatch):
+    monkeypatch.setattr(sides, "_LARGEST_SPREAD", 0.0)
+    write_cuts(tmp_path / "set", cut_tiles(shot, proposal))
+    assert load_tiles(tmp_path / "set").lane_offset_spread is None
 
 
 @pytest.mark.parametrize("change", [lambda image: image.astype(np.uint16) * 257, lambda image: image / 255])
@@ -154,7 +192,7 @@ def test_refused_photographs_among_others_are_told_by_the_exit_code(tmp_path, ca
     assert printed.out.startswith("1 tile of 1 photograph") and "refused: " not in printed.out
     lines = printed.err.splitlines()
     assert [line.split(": ")[:2] for line in lines] == [["refused", file] for file in files if "turn" not in file]
-    assert sorted(entry.name for entry in out.iterdir()) == ["sheet.png", "turn_1"]
+    assert sorted(entry.name for entry in out.iterdir()) == ["sheet.png", "tileset.toml", "turn_1"]
 
 
 def test_photographs_of_the_same_name_are_named_with_their_folders(tmp_path, capsys):
