@@ -53,7 +53,7 @@ def test_tape_of_a_neighbour_is_found_and_removed(name, drawn_tiles):
         assert words.startswith(
             f"expected no {found[0].colour} tape of a neighbour at the side {side.letter}, got a strip"
         )
-        for mixed in (1.0, 0.3):
+        for mixed in (1.0, 0.5):
             clean = without_strips(stained(tile, side, colour, place, mixed=mixed).image, tile.code)
             assert all((strip.depths > 0).mean() < 0.01 for strip in find_strips(clean, tile.code, MIXED))
             for line, mask in propose_masks(clean).items():
