@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from elitelanes_jax._util.checks import FLOOR_SIDE, folder, path, whole
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by
+from elitelanes_jax.cli.photographs import for_each
 from elitelanes_jax.cli.program import INTERRUPTED, fail, say
 
 if TYPE_CHECKING:
@@ -42,9 +43,9 @@ def add_edit(commands: Commands) -> None:
         "--size",
         type=checked_by(FLOOR_SIDE),
         nargs=2,
-        default=(1, 1),
+        action="append",
         metavar=("ROWS", "COLUMNS"),
-        help="tiles of the floor on each photograph; by default 1 1",
+        help="tiles of the floor; by default 1 1. Repeat it for each photograph if the floors differ",
     )
     command.add_argument(
         "--port", type=checked_by(whole(1, 65535)), metavar="N", help="by default any free one"
@@ -57,9 +58,11 @@ def _edit(options: argparse.Namespace) -> int:
     from elitelanes_jax.photographs.editing import HandWork
     from elitelanes_jax.photographs.reading import Photograph
 
+    sizes = for_each("--size", options.size or [(1, 1)], options.photos)
+    shapes = [(rows, columns) for rows, columns in sizes]
     # Photographs are read before the server starts, so that a bad file is an error in the terminal.
     photographs = [Photograph.read(file) for file in options.photos]
-    work = HandWork(options.folder, photographs, tuple(options.size))
+    work = HandWork(options.folder, photographs, shapes)
     # Port 0 means any free port.
     port = options.port or 0
     try:

@@ -74,9 +74,11 @@ class HandWork:
     """
 
     def __init__(
-        self, folder: Path, photographs: Sequence[Photograph], shape: tuple[int, int]
+        self, folder: Path, photographs: Sequence[Photograph], shapes: Sequence[tuple[int, int]]
     ) -> None:
         """Reads the set, if there is one, and finds the tiles in the photographs.
+
+        `shapes` are the rows and columns of tiles in each photograph.
 
         Raises:
           InputError: for a folder that is neither new nor a tile set, or the current folder.
@@ -98,7 +100,7 @@ class HandWork:
         self._tiles = [
             self._add(tile.folder.name, _read(tile.folder), tile.masks) for tile in tiles
         ]
-        self._starts = [self._start(photograph, shape) for photograph in photographs]
+        self._starts = list(map(self._start, photographs, shapes))
         # The stamp tells each save whether another program has changed the folder.
         self._stamp = _stamp_of(folder)
 

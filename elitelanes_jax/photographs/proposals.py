@@ -79,6 +79,11 @@ class Proposal(NamedTuple):
     advice: str
 
     @property
+    def unsure_cells(self) -> list[list[int]]:
+        """The row and the column, from 0, of each cell whose code is unsure."""
+        return np.argwhere(np.array(self.sure) < SURE).tolist()
+
+    @property
     def view(self) -> FloorView:
         """The camera's view of the tiles."""
         return FloorView(np.array(self.homography), self.radial, self.width, self.height)
@@ -324,10 +329,11 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
     They must be in the photograph, clockwise, around a convex area.
     """
     points = np.asarray(corners, np.float64)
+    name = f"{photograph.name}: corners"
     if points.shape != (4, 2):
-        raise InputError(f"corners: expected four points x, y, got {list(points.shape)}")
+        raise InputError(f"{name}: expected four points x, y, got {list(points.shape)}")
     if not np.isfinite(points).all():
-        raise InputError(f"corners: expected finite numbers, got {points.tolist()}")
+        raise InputError(f"{name}: expected finite numbers, got {points.tolist()}")
     height, width = photograph.image.shape[:2]
     # Corners may be outside of the photograph by 2 % of its width.
     outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
@@ -335,18 +341,17 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
         size = f"{width} x {height} pixels"
         if photograph.shrunk > 1:
             size += f" at 1/{photograph.shrunk} of the file's size"
-        raise InputError(f"corners: expected points within {photograph.name}, {size}")
+        raise InputError(f"{name}: expected points in the photograph, {size}")
     x, y = points.T
     # In pixels, whose y points down, corners in clockwise order have a positive area.
     area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
     if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
         raise InputError(
-            "corners: expected the corners of a convex area in order around it, "
-            "got lines that cross"
+            f"{name}: expected the corners of a convex area in order around it, got lines that cross"
         )
     if area < 0:
         raise InputError(
-            "corners: expected them clockwise, as in the photograph, got them counter-clockwise"
+            f"{name}: expected them clockwise, as in the photograph, got them counter-clockwise"
         )
     return points
 

@@ -38,7 +38,7 @@ class Photograph(NamedTuple):
     """A photograph.
 
     Attributes:
-      name: the name of its file, for messages.
+      name: the name of its file with its folder, for messages.
       image: uint8 ``[H, W, 3]``, RGB, upright.
       shrunk: how many times smaller than the file's picture it is.
       lens: the calibrated lens whose distortion was removed, for pictures of this size as the
@@ -85,7 +85,7 @@ class Photograph(NamedTuple):
                 raise InputError(f"{file}: {error}") from None
             sensor = lens.straighten_image(sensor)
         turn = Turn.of_exif(picture_file.exif)
-        return Photograph(file.name, turn.picture(sensor), shrunk, lens, turn)
+        return Photograph(str(file), turn.picture(sensor), shrunk, lens, turn)
 
     def pixels_of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns where pixels ``[N, 2]`` of the file's picture, seen upright, are in `image`."""

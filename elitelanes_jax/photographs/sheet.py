@@ -1,25 +1,54 @@
-"""Draws a sheet of photographs and of the tiles in them.
+"""Draws photographs with the tiles that were found in them, and a sheet of the tiles that were cut."""
 
-Photographs have the outlines of their tiles, and tiles have their masks.
-"""
-
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.cells import cell_name, describe_cell
 from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.photographs._views import FloorView, Points
+from elitelanes_jax.photographs.laid import LaidFloor, read_laid
 from elitelanes_jax.photographs.proposals import SURE, Proposal
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
 
-# The size of a photograph on the sheet in pixels.
-_WIDTH, _HEIGHT = 640, 480
-_SURE_INK, _UNSURE_INK = (235, 40, 160), (255, 140, 0)
+Ink = tuple[int, int, int]
+
+# The size of a photograph on the sheet, and the largest of one alone, in pixels.
+_ON_SHEET, _ALONE = (640, 480), (1600, 1200)
+_SURE_INK, _UNSURE_INK, _WRONG_INK, _FAINT_INK = (
+    (235, 40, 160),
+    (255, 140, 0),
+    (255, 30, 30),
+    (230, 230, 230),
+)
+_WORDS_INK = (255, 255, 255)
+# The size of words on a photograph up to 1,000 pixels wide, as `write_text` takes it.
+_TEXT = 0.42
 # The points along a side of a tile's outline, which a lens bends.
 _SIDE_POINTS = 13
-_PAPER = (250, 249, 246)
+# The distance of the names of rows and columns from the floor, in tiles.
+_BESIDE = 0.25
+_PAPER, _INK = (250, 249, 246), (40, 40, 44)
+# The height of a line of text below a photograph, in pixels, and the most lines.
+_LINE, _MOST_LINES = 26, 24
+
+
+class Mark(NamedTuple):
+    """What is drawn on a cell.
+
+    Attributes:
+      words: in its middle.
+      ink: the colour of the outline, RGB.
+      width: the width of the outline in pixels.
+    """
+
+    words: str
+    ink: Ink
+    width: int
 
 
 def draw_proposal(photograph: Photograph, proposal: Proposal) -> NDArray[np.uint8]:
@@ -27,27 +56,103 @@ def draw_proposal(photograph: Photograph, proposal: Proposal) -> NDArray[np.uint
 
     Unsure tiles are orange.
     """
+    trusted = proposal.score >= SURE
+    marks = {}
+    for row, column in np.argwhere(np.array(proposal.codes) > 0).tolist():
+        sure = trusted and proposal.sure[row][column] >= SURE
+        kind = KIND_OF[proposal.codes[row][column]] + ("" if sure else "?")
+        marks[row, column] = Mark(kind, _SURE_INK if sure else _UNSURE_INK, 1)
+    small = _draw_marks(photograph, proposal.view, read_laid(proposal), marks, _ON_SHEET)
+    picture = np.full((_ON_SHEET[1], _ON_SHEET[0], 3), _PAPER, np.uint8)
+    picture[: small.shape[0], : small.shape[1]] = small
+    return picture
+
+
+def draw_laid(photograph: Photograph, proposal: Proposal, laid: LaidFloor) -> NDArray[np.uint8]:
+    """Returns the photograph with the names of cells, and what to do in which of them.
+
+    Cells that differ from the plan are red, and unsure ones orange. Lines below the photograph say
+    what was expected and what lies there.
+    """
+    rows, columns = laid.codes.shape
+    marks = {
+        (row, column): Mark("", _FAINT_INK, 1) for row in range(rows) for column in range(columns)
+    }
+    for row, column in laid.unsure:
+        marks[row, column] = Mark("unsure", _UNSURE_INK, 3)
+    for difference in laid.differences:
+        is_unsure = [difference.row, difference.column] in laid.unsure
+        words = difference.remedy + ("?" if is_unsure else "")
+        ink = _UNSURE_INK if is_unsure else _WRONG_INK
+        marks[difference.row, difference.column] = Mark(words, ink, 3)
+    picture = _draw_marks(photograph, proposal.view, laid, marks, _ALONE)
+    lines = [str(difference) for difference in laid.differences]
+    lines += [f"{describe_cell(*cell)}: unsure" for cell in laid.unsure]
+    if len(lines) > _MOST_LINES:
+        lines = [*lines[: _MOST_LINES - 1], f"and {len(lines) - _MOST_LINES + 1} more"]
+    text = np.full((_LINE * len(lines) + _LINE // 2, picture.shape[1], 3), _PAPER, np.uint8)
+    for number, line in enumerate(lines, start=1):
+        write_text(text, line, (_LINE // 2, _LINE * number - _LINE // 4), 0.6, _INK)
+    return np.vstack([picture, text])
+
+
+def _draw_marks(
+    photograph: Photograph,
+    view: FloorView,
+    laid: LaidFloor,
+    marks: Mapping[tuple[int, int], Mark],
+    size: tuple[int, int],
+) -> NDArray[np.uint8]:
+    """Returns a photograph of at most a size, with marks on cells and the names of rows and columns."""
     height, width = photograph.image.shape[:2]
-    scale = min(_WIDTH / width, _HEIGHT / height)
-    view = proposal.view.scaled(scale)
-    small = cv2.resize(photograph.image, (view.width, view.height), interpolation=cv2.INTER_AREA)
-    picture = np.full((_HEIGHT, _WIDTH, 3), _PAPER, np.uint8)
-    picture[: view.height, : view.width] = small
+    view = view.scaled(min(size[0] / width, size[1] / height))
+    picture = np.asarray(
+        cv2.resize(photograph.image, (view.width, view.height), interpolation=cv2.INTER_AREA),
+        np.uint8,
+    )
     steps = np.linspace(0, 1, _SIDE_POINTS)
     top = np.stack([steps, np.zeros(_SIDE_POINTS)], axis=1)
     right = np.stack([np.ones(_SIDE_POINTS), steps], axis=1)
     outline = np.concatenate([top, right, 1 - top, 1 - right])
-    trusted = proposal.score >= SURE
-    for row, column in np.argwhere(np.array(proposal.codes) > 0).tolist():
-        sure = trusted and proposal.sure[row][column] >= SURE
-        ink = _SURE_INK if sure else _UNSURE_INK
+    # Thick outlines are over thin ones.
+    for (row, column), mark in sorted(marks.items(), key=lambda item: item[1].width):
+        pixels = view.pixels_of(laid.seen(outline + np.array([column, row])))
         # With `shift`, OpenCV reads the last three bits of coordinates as parts of a pixel.
-        pixels = np.rint(view.pixels_of(outline + np.array([column, row])) * 8).astype(np.int32)
-        cv2.polylines(picture, [pixels], True, ink, 1, cv2.LINE_AA, shift=3)
-        x, y = view.pixels_of(np.array([[column + 0.5, row + 0.5]]))[0]
-        kind = KIND_OF[proposal.codes[row][column]] + ("" if sure else "?")
-        write_text(picture, kind, (int(x) - 4 * len(kind), int(y) + 5), 0.42, ink)
+        exact = np.rint(pixels * 8).astype(np.int32)
+        cv2.polylines(picture, [exact], True, mark.ink, mark.width, cv2.LINE_AA, shift=3)
+    scale = _TEXT * max(1, size[0] / 1000)
+    for (row, column), mark in marks.items():
+        place = np.array([column + 0.5, row + 0.5])
+        _write_at(picture, view.pixels_of(laid.seen(place)), mark.words, scale)
+    for place, name in _names(*laid.codes.shape):
+        _write_at(picture, view.pixels_of(laid.seen(place)), name, scale)
     return picture
+
+
+def _names(rows: int, columns: int) -> list[tuple[Points, str]]:
+    """Returns the names of columns and rows, and where they are around the floor, in tiles."""
+    if (rows, columns) == (1, 1):
+        return []
+    names = []
+    for column in range(columns):
+        name = cell_name(0, column).rstrip("1")
+        names += [(np.array([column + 0.5, y]), name) for y in (-_BESIDE, rows + _BESIDE)]
+    for row in range(rows):
+        names += [(np.array([x, row + 0.5]), str(row + 1)) for x in (-_BESIDE, columns + _BESIDE)]
+    return names
+
+
+def _write_at(picture: NDArray[np.uint8], pixel: Points, words: str, scale: float) -> None:
+    """Writes white words around a pixel, with a dark edge, so that they are seen on every ground."""
+    height, width = picture.shape[:2]
+    if not words or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
+        return
+    # A letter is about 10 pixels wide and 12 high for each half of the scale.
+    x, y = int(pixel[0] - 9.5 * scale * len(words)), int(pixel[1] + 12 * scale)
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            write_text(picture, words, (x + right, y + down), scale, _INK)
+    write_text(picture, words, (x, y), scale, _WORDS_INK)
 
 
 def draw_sheet(

@@ -43,7 +43,7 @@ def shot():
 @pytest.fixture(scope="module")
 def photographed_work(shot):
     """Work on a photograph; its folder is never written."""
-    return HandWork(Path("never-written"), [shot], (3, 3))
+    return HandWork(Path("never-written"), [shot], [(3, 3)])
 
 
 @pytest.fixture
@@ -112,7 +112,7 @@ def test_wrong_requests_are_refused(photographed_work):
 @pytest.mark.parametrize("name", ["turn_../../other", "turn_", "turn_1/x"])
 def test_a_tile_has_a_name_that_a_set_reads(name, tiles):
     """A page's name is no path of a folder."""
-    work = HandWork(tiles, [], (1, 1))
+    work = HandWork(tiles, [], [])
     values = work.state()["tiles"]
     values[0]["name"] = name
     assert work.save(values)["names"][0] == "turn_1"
@@ -121,7 +121,7 @@ def test_a_tile_has_a_name_that_a_set_reads(name, tiles):
 
 def test_a_set_is_saved_whole_and_the_earlier_one_is_kept(tiles):
     before = files(tiles)
-    work = HandWork(tiles, [], (1, 1))
+    work = HandWork(tiles, [], [])
     values = [{name: tile[name] for name in ("id", "name", "kind", "masks")} for tile in work.state()["tiles"]]
     assert [tile["name"] for tile in values] == ["turn_1", "straight_1", "crossing3_1", "crossing4_1"]
     yellow = unpacked(values[1]["masks"]["yellow"], 96)
@@ -143,7 +143,7 @@ def test_a_set_is_saved_whole_and_the_earlier_one_is_kept(tiles):
 
 
 def test_a_tile_of_another_kind_gets_the_next_name(tiles):
-    work = HandWork(tiles, [], (1, 1))
+    work = HandWork(tiles, [], [])
     values = work.state()["tiles"]
     values[0]["kind"] = "straight"
     values[1]["name"] = values[2]["name"]
@@ -153,7 +153,7 @@ def test_a_tile_of_another_kind_gets_the_next_name(tiles):
 
 
 def test_a_set_that_another_program_changed_and_bad_masks_are_not_written(tiles):
-    work = HandWork(tiles, [], (1, 1))
+    work = HandWork(tiles, [], [])
     values = work.state()["tiles"]
     bad = [values[0] | {"masks": values[0]["masks"] | {"red": packed(np.zeros(9, bool))}}, *values[1:]]
     before = files(tiles)
@@ -169,7 +169,7 @@ def test_a_set_that_another_program_changed_and_bad_masks_are_not_written(tiles)
 
 def test_the_earlier_set_is_copied_once(tiles):
     """Each save that failed left another copy."""
-    work = HandWork(tiles, [], (1, 1))
+    work = HandWork(tiles, [], [])
     values = work.state()["tiles"]
     bad = [values[0] | {"masks": values[0]["masks"] | {"red": packed(np.zeros(9, bool))}}]
     for _ in range(2):
@@ -180,7 +180,7 @@ def test_the_earlier_set_is_copied_once(tiles):
 
 
 def test_two_saves_at_once_do_not_take_each_other_for_another_program(tiles, monkeypatch):
-    work = HandWork(tiles, [], (1, 1))
+    work = HandWork(tiles, [], [])
     values = work.state()["tiles"]
     stamp_of, errors, threads = editing._stamp_of, [], []
 
@@ -211,7 +211,7 @@ def test_masks_that_the_sliders_would_replace_are_named(tiles):
             cv2.imwrite(str(tiles / tile.name / f"{name}.png"), mask.astype(np.uint8) * 255)
     yellow[:4, :4] = 255
     cv2.imwrite(str(tiles / "straight_1" / "yellow.png"), yellow)
-    work = HandWork(tiles, [], (1, 1))
+    work = HandWork(tiles, [], [])
     values = work.state()["tiles"]
     others = [(tile["name"], mask) for tile in values for mask, same in tile["by_colours"].items() if not same]
     assert others == [("straight_1", "yellow")]
@@ -227,7 +227,7 @@ def test_masks_that_the_sliders_would_replace_are_named(tiles):
 
 def test_a_zip_has_the_set_and_leaves_the_folder_as_it_is(tiles, tmp_path):
     before = files(tiles)
-    work = HandWork(tiles, [], (1, 1))
+    work = HandWork(tiles, [], [])
     values = work.state()["tiles"]
     values[0]["kind"] = "straight"
     content = work.zip(values)
@@ -241,7 +241,7 @@ def test_a_zip_has_the_set_and_leaves_the_folder_as_it_is(tiles, tmp_path):
 
 @pytest.fixture
 def server(tiles):
-    with HandServer(HandWork(tiles, [], (1, 1))) as server:
+    with HandServer(HandWork(tiles, [], [])) as server:
         thread = Thread(target=server.serve_forever)
         thread.start()
         yield server
@@ -340,7 +340,7 @@ def ask_to_save(url, values):
 @pytest.mark.parametrize("saves", [False, True])
 def test_an_interruption_ends_the_command_in_one_line(tiles, saves):
     before = files(tiles)
-    values = HandWork(tiles, [], (1, 1)).state()["tiles"]
+    values = HandWork(tiles, [], []).state()["tiles"]
     process, url = started(tiles.parent, "tiles")
     try:
         if saves:
@@ -410,7 +410,7 @@ def test_corners_masks_and_undo_in_a_browser(tmp_path):
 
 
 def test_a_page_that_is_closed_while_it_loads_prints_nothing(tiles, capfd):
-    with HandServer(HandWork(tiles, [], (1, 1))) as server:
+    with HandServer(HandWork(tiles, [], [])) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         ended = Event()
         server.shutdown_request = lambda request: (HandServer.shutdown_request(server, request), ended.set())

@@ -10,8 +10,8 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.network.codes import CONNECTIONS, ROAD_ALPHABET
 from elitelanes_jax.photographs import Photograph, cut_tiles, propose_tiles, write_cuts
-from elitelanes_jax.photographs.comparison import find_differences, turn_floor, turn_to_plan
 from elitelanes_jax.photographs.cutting import mask_cut
+from elitelanes_jax.photographs.laid import find_differences, turn_floor, turn_to_plan
 from elitelanes_jax.photographs.proposals import SURE
 from elitelanes_jax.tiles import inspect_tiles, load_tiles, sides
 from elitelanes_jax.tiles.sides import measure_lanes
@@ -143,10 +143,7 @@ def test_floors_are_compared_with_their_plan():
     assert floor.shape == (2, 3)
     turned = turn_floor(floor, turn_to_plan(floor, plan))
     assert find_differences(turned, plan) == [(1, 1, 5, 10)]
-    assert (
-        str(find_differences(turned, plan)[0])
-        == "row 2, column 2: expected a straight that opens EW, got it turned: NS"
-    )
+    assert str(find_differences(turned, plan)[0]) == "B2 ([1, 1]): expected a straight that opens EW, got it turned: NS"
     with pytest.raises(InputError, match="plan: expected 2 x 3 tiles like the floor, got 2 x 2"):
         turn_to_plan(floor, plan[:2])
     for turns in range(5):

@@ -16,7 +16,7 @@ from elitelanes_jax.photographs import (
     propose_tiles,
 )
 from elitelanes_jax.photographs._views import view_of
-from elitelanes_jax.photographs.comparison import turn_floor
+from elitelanes_jax.photographs.laid import turn_floor
 from elitelanes_jax.photographs.proposals import SURE
 
 TOWN = photographed.TOWN
@@ -188,7 +188,7 @@ def test_a_floor_as_dark_as_asphalt_needs_exact_corners():
     [
         ([[0, 0], [300, 300], [300, 0], [0, 300]], "lines that cross"),
         ([[0, 0], [0, 300], [300, 300], [300, 0]], "counter-clockwise"),
-        ([[0, 0], [3000, 0], [300, 300], [0, 300]], "points within floor, 800 x 640 pixels"),
+        ([[0, 0], [3000, 0], [300, 300], [0, 300]], "points in the photograph, 800 x 640 pixels"),
         ([[0, 0], [300, 0], [300, 300]], "four points"),
         ([[0, 0], [300, 0], [300, np.nan], [0, 300]], r"corners: expected finite numbers, got .* \[300.0, nan\]"),
     ],
@@ -200,7 +200,7 @@ def test_bad_corners_are_named(shot, corners, message):
 
 def test_the_size_of_a_photograph_that_was_shrunk_is_explained(shot):
     """Corners are in pixels of the file for the command, whose message had another size without a word."""
-    message = "expected points within floor, 800 x 640 pixels at 1/2 of the file's size$"
+    message = "expected points in the photograph, 800 x 640 pixels at 1/2 of the file's size$"
     with pytest.raises(InputError, match=message):
         propose_tiles(shot._replace(name="floor", shrunk=2), shape=(3, 3), corners=CORNERS + 9999)
 

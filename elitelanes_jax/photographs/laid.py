@@ -1,4 +1,4 @@
-"""Compares a floor that was laid with the map that was planned."""
+"""A laid floor as it was read from a photograph, compared with the map that was planned."""
 
 from typing import NamedTuple
 
@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF, SIDES, rotate_codes
+from elitelanes_jax.photographs._views import Points
+from elitelanes_jax.photographs.proposals import SURE, Proposal
 
 
 class Difference(NamedTuple):
@@ -27,16 +30,60 @@ class Difference(NamedTuple):
     planned: int
     laid: int
 
+    @property
+    def remedy(self) -> str:
+        """What to do with the tile, in a few words."""
+        if not self.planned:
+            return "lift"
+        if KIND_OF[self.planned] != KIND_OF[self.laid]:
+            return f"lay {KIND_OF[self.planned]}"
+        turns = next(turns for turns in range(4) if rotate_codes(self.laid, turns) == self.planned)
+        return ("", "turn left", "turn around", "turn right")[turns]
+
     def __str__(self) -> str:
-        """Returns a line of text about it; rows and columns are counted from 1."""
-        place = f"row {self.row + 1}, column {self.column + 1}"
+        """Returns a line of text about it, which names the cell."""
+        place = describe_cell(self.row, self.column)
         if KIND_OF[self.planned] == KIND_OF[self.laid]:
-            kind, planned = KIND_OF[self.planned], _sides(self.planned)
-            return (
-                f"{place}: expected a {kind} that opens {planned}, "
-                f"got it turned: {_sides(self.laid)}"
-            )
+            return f"{place}: expected {_tile(self.planned)}, got it turned: {_sides(self.laid)}"
         return f"{place}: expected {_tile(self.planned)}, got {_tile(self.laid)}"
+
+
+class LaidFloor(NamedTuple):
+    """The map of a laid floor, in the direction of its plan.
+
+    Attributes:
+      codes: int8 ``[H, W]``.
+      unsure: the row and the column, from 0, of each cell whose code is unsure.
+      differences: what differs from the plan, by row and column.
+      turns: the quarter turns counter-clockwise from the photograph's direction to this one.
+    """
+
+    codes: NDArray[np.int8]
+    unsure: list[list[int]]
+    differences: list[Difference]
+    turns: int
+
+    def seen(self, places: Points) -> Points:
+        """Returns where positions ``[..., 2]`` of the map are on the floor as it is photographed."""
+        x, y = np.moveaxis(places, -1, 0)
+        height, width = self.codes.shape
+        for _ in range(self.turns):
+            x, y, height, width = height - y, x, width, height
+        return np.stack([x, y], axis=-1)
+
+
+def read_laid(proposal: Proposal, plan: NDArray[np.int8] | None = None) -> LaidFloor:
+    """Returns the map of the floor that a proposal found, compared with a plan of its shape.
+
+    A photograph may be taken from any side of the floor. The direction that agrees most with the
+    plan counts.
+    """
+    codes = np.array(proposal.codes, np.int8)
+    turns = 0 if plan is None else turn_to_plan(codes, plan)
+    turned = turn_floor(codes, turns)
+    unsure = np.argwhere(np.rot90(proposal.sure, turns) < SURE).tolist()
+    differences = [] if plan is None else find_differences(turned, plan)
+    return LaidFloor(turned, unsure, differences, turns)
 
 
 def turn_to_plan(codes: ArrayLike, plan: ArrayLike) -> int:
@@ -83,7 +130,12 @@ def find_differences(codes: ArrayLike, plan: ArrayLike) -> list[Difference]:
 
 
 def _tile(code: int) -> str:
-    return f"{KIND_OF[code]} that opens {_sides(code)}" if code else "no tile"
+    return f"{_named(code)} that opens {_sides(code)}" if code else "no tile"
+
+
+def _named(code: int) -> str:
+    kind = KIND_OF[code]
+    return f"an {kind}" if kind == "end" else f"a {kind}"
 
 
 def _sides(code: int) -> str:

@@ -1,0 +1,146 @@
+"""Photographed floors: what a user says of each, what is found in it, and the set that is cut."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import free_name
+from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax.photographs.cutting import Cut, cut_tiles, write_cuts
+from elitelanes_jax.photographs.lenses import Lens
+from elitelanes_jax.photographs.proposals import SURE, Proposal, propose_tiles
+from elitelanes_jax.photographs.reading import Photograph
+from elitelanes_jax.photographs.sheet import draw_proposal, draw_sheet
+from elitelanes_jax.tiles.masking import proposal_sheet
+from elitelanes_jax.tiles.rendering import write_png
+from elitelanes_jax.tiles.tileset import TileSet
+
+
+class Floor(NamedTuple):
+    """What a user says of the tiles in a photograph.
+
+    Attributes:
+      file: the file of the photograph.
+      shape: the rows and columns of tiles; (1, 1) for a single tile.
+      codes: the codes of the map that is laid ``[H, W]``, None if it is not known.
+      corners: the corners of the tiles in pixels of the file ``[4, 2]``, clockwise, roughly; None
+        if they are to be found.
+      exact: whether the corners are taken as they are.
+    """
+
+    file: Path
+    shape: tuple[int, int] = (1, 1)
+    codes: NDArray[np.int8] | None = None
+    corners: NDArray[np.float64] | None = None
+    exact: bool = False
+
+
+class FoundFloor(NamedTuple):
+    """Where the tiles of a photograph are.
+
+    Attributes:
+      photograph: the photograph.
+      proposal: where its tiles are.
+      refusal: why its tiles are not cut, empty if they are.
+    """
+
+    photograph: Photograph
+    proposal: Proposal
+    refusal: str
+
+
+def find_floor(floor: Floor, lens: Lens | None, tiles: TileSet | None = None) -> FoundFloor:
+    """Finds the tiles in a photograph.
+
+    Args:
+      floor: the photograph, and what is known of its tiles.
+      lens: the lens of the camera, if it is known.
+      tiles: pictures that kinds are read with; by default the package's own.
+
+    Raises:
+      InputError: if the photograph cannot be read, or nothing like tiles is found.
+    """
+    photograph = Photograph.read(floor.file, lens)
+    corners = None if floor.corners is None else photograph.pixels_of(floor.corners)
+    proposal = propose_tiles(
+        photograph,
+        shape=floor.shape,
+        corners=corners,
+        codes=floor.codes,
+        tiles=tiles,
+        fit=not floor.exact,
+    )
+    refusal = "" if proposal.score >= SURE else f"{floor.file}: {proposal.advice}"
+    return FoundFloor(photograph, proposal, refusal)
+
+
+class CutFloors(NamedTuple):
+    """What was cut out of photographs.
+
+    Attributes:
+      cuts: the tiles.
+      used: the photographs whose tiles were found, and where these are.
+      refused: a line for each other photograph.
+      proposals: for the sheet, where the tiles may be in each photograph that has an outline.
+      pictures: for the sheet, these photographs with the outlines of their tiles.
+    """
+
+    cuts: list[Cut]
+    used: list[tuple[Path, Proposal]]
+    refused: list[str]
+    proposals: list[Proposal]
+    pictures: list[NDArray[np.uint8]]
+
+
+def cut_floors(floors: Sequence[Floor], lens: Lens | None) -> CutFloors:
+    """Cuts tiles out of the photographs in which they are found.
+
+    Only one photograph is in memory at a time.
+    """
+    result = CutFloors([], [], [], [], [])
+    for floor in floors:
+        try:
+            found = find_floor(floor, lens)
+        except InputError as error:
+            # The tiles of the other photographs are still written, because finding them may have
+            # taken minutes.
+            result.refused.append(str(error))
+            continue
+        # A photograph that is refused stays on the sheet, where its outlines show what went wrong.
+        result.proposals.append(found.proposal)
+        result.pictures.append(draw_proposal(found.photograph, found.proposal))
+        if found.refusal:
+            result.refused.append(found.refusal)
+            continue
+        result.used.append((floor.file, found.proposal))
+        result.cuts.extend(cut_tiles(found.photograph, found.proposal, result.cuts))
+    return result
+
+
+def write_set(out: Path, floors: CutFloors) -> Path | None:
+    """Writes the tiles with proposed masks, and the sheet.
+
+    Returns where the earlier files of the folder are kept, None if it had none. After an error they
+    are back in their place.
+    """
+    kept = None
+    if out.is_dir() and any(out.iterdir()):
+        # Renamed, so that nothing in it is lost.
+        kept = out.rename(free_name(out, f"{out.name}.before"))
+    try:
+        # The folder appears complete or not at all.
+        with output_folder(out, {"command": "tiles cut"}) as work:
+            masked = write_cuts(work.files, floors.cuts)
+            tiles = proposal_sheet("Tiles and their masks", masked)
+            title = f"Tiles cut into {out.name}"
+            sheet = draw_sheet(title, floors.pictures, floors.proposals, tiles)
+            write_png(work.files / "sheet.png", sheet)
+    except BaseException:
+        if kept is not None and not out.exists():
+            kept.rename(out)
+        raise
+    return kept
