@@ -3,6 +3,7 @@
 Colours are relative to the ground around them. So tiles of one kind look alike in light and shadow.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -33,6 +34,10 @@ Picture = NDArray[np.float32]
 """How bright, red and yellow each pixel is beside the ground around it, float32 ``[H, W, 3]``."""
 
 
+CodedPicture = tuple[int, Picture]
+"""The code of a tile, and its picture without light."""
+
+
 class Cells(NamedTuple):
     """The cells of a floor.
 
@@ -56,27 +61,28 @@ class Cells(NamedTuple):
         rows, columns = self.pictures.shape[:2]
         return rows, columns
 
-    @property
-    def places(self) -> list[tuple[int, int]]:
-        """The row and the column of each cell."""
-        rows, columns = self.shape
-        return [(row, column) for row in range(rows) for column in range(columns)]
-
-    def picture(self, place: tuple[int, int]) -> Picture:
+    def picture(self, row: int, column: int) -> Picture:
         """Returns a cell without the margin."""
         inner = slice(_MARGIN_PX, -_MARGIN_PX)
-        return np.ascontiguousarray(self.pictures[place][inner, inner])
+        return np.ascontiguousarray(self.pictures[row, column, inner, inner])
 
-    def likeness(self, place: tuple[int, int], tile: Picture) -> float:
-        """Returns the correlation of a cell with a picture of a tile, at the best displacement.
+    def likeness(self, tiles: Sequence[Picture]) -> NDArray[np.float64]:
+        """Returns the correlation of each cell with pictures of P tiles, ``[H, W, P]``.
 
-        A correlation does not depend on how strong lines are. In a cell without a tile, a little of
-        a neighbour's tape looks like a line. Therefore a part that is much fainter than the tile is
-        less alike.
+        The best displacement within the margin counts. A correlation does not depend on how strong
+        lines are. In a cell without a tile, a little of a neighbour's tape looks like a line.
+        Therefore a part that is much fainter than the tile is less alike.
         """
-        correlation = cv2.matchTemplate(self.pictures[place], tile, cv2.TM_CCOEFF_NORMED)
-        strength = self.contrasts[place] / max(_FAINT * _contrast(tile), 1e-6)
-        return float((correlation * np.minimum(strength, 1)).max())
+        rows, columns = self.shape
+        alike = np.empty((rows, columns, len(tiles)))
+        faint = [max(_FAINT * _contrast(tile), 1e-6) for tile in tiles]
+        for row, column, index in np.ndindex(alike.shape):
+            correlation = cv2.matchTemplate(
+                self.pictures[row, column], tiles[index], cv2.TM_CCOEFF_NORMED
+            )
+            strength = np.minimum(self.contrasts[row, column] / faint[index], 1)
+            alike[row, column, index] = (correlation * strength).max()
+        return alike
 
 
 def guessed_cells(image: NDArray[np.uint8], view: FloorView, shape: tuple[int, int]) -> Cells:
@@ -120,8 +126,8 @@ def _alone(cell: NDArray[np.uint8]) -> Picture:
     )
 
 
-def pictures_of(tiles: TileSet) -> list[tuple[int, Picture]]:
-    """Returns codes and pictures of a set."""
+def pictures_of(tiles: TileSet) -> list[CodedPicture]:
+    """Returns up to three pictures of each code that a set draws."""
     pictures = scale_tiles(tiles, _TILE_PX)["image"]
     return [
         (code, without_light(pictures[4 * drawn.tile + drawn.quarter_turns]))

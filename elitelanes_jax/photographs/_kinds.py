@@ -9,13 +9,14 @@ like each other than like those of another set. Neighbours agree about the side 
 This is a Markov random field on the grid; belief propagation (Pearl 1982) finds its best codes.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES, rotate_codes
-from elitelanes_jax.photographs._cells import Cells, Picture, pictures_of
+from elitelanes_jax.photographs._cells import Cells, CodedPicture, pictures_of
 from elitelanes_jax.tiles.tileset import TileSet
 
 # The correlation that counts for a cell without a tile: tiles of other sets have more.
@@ -85,16 +86,24 @@ def _best(scores: NDArray[np.float64]) -> tuple[NDArray[np.int_], NDArray[np.flo
     return scores.argmax(axis=-1), first - second
 
 
-def _score(cells: Cells, pictures: list[tuple[int, Picture]]) -> NDArray[np.float64]:
+def _score(cells: Cells, pictures: Sequence[CodedPicture]) -> NDArray[np.float64]:
     """Returns how alike each cell is to the pictures of each code, ``[H, W, 16]``."""
     scores = np.full((*cells.shape, 16), -1.0)
     # Cells of a floor may have no tile, but a single tile is there.
     if cells.shape != (1, 1):
         scores[..., 0] = _EMPTY
-    for place in cells.places:
-        for code, picture in pictures:
-            scores[*place, code] = max(scores[*place, code], cells.likeness(place, picture))
-    return scores
+    alike = cells.likeness([picture for _, picture in pictures])
+    return _with_best(scores, [code for code, _ in pictures], alike)
+
+
+def _with_best(
+    scores: NDArray[np.float64], codes: Sequence[int], alike: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Returns the larger of each score and of how alike the cell is to P pictures of its code."""
+    best = scores.copy()
+    for index, code in enumerate(codes):
+        best[..., code] = np.maximum(best[..., code], alike[..., index])
+    return best
 
 
 def _compare_cells(cells: Cells, scores: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -102,26 +111,26 @@ def _compare_cells(cells: Cells, scores: NDArray[np.float64]) -> NDArray[np.floa
 
     A score counts the cell's correlation with the cells whose kind is clear.
     """
-    compared = scores.copy()
     codes, lead = _best(scores)
     is_clear = (codes > 0) & (scores.max(axis=-1) >= _CLEAR) & (lead >= _CLEARER)
-    for clear in [place for place in cells.places if is_clear[place]]:
-        picture = cells.picture(clear)
-        shown: dict[int, Picture] = {}
-        for turns in range(4):
-            code = int(rotate_codes(int(codes[clear]), turns))
-            shown.setdefault(code, np.ascontiguousarray(np.rot90(picture, turns)))
-        for code, turned in shown.items():
-            for place in cells.places:
-                if place != clear:
-                    alike = cells.likeness(place, turned) - _OWN_LESS
-                    compared[*place, code] = max(compared[*place, code], alike)
-    return compared
+    shown: list[CodedPicture] = []
+    places: list[list[int]] = []
+    for row, column in np.argwhere(is_clear).tolist():
+        picture = cells.picture(row, column)
+        turned = {
+            int(rotate_codes(int(codes[row, column]), turns)): np.rot90(picture, turns)
+            for turns in reversed(range(4))
+        }
+        shown += [(code, np.ascontiguousarray(image)) for code, image in turned.items()]
+        places += [[row, column]] * len(turned)
+    alike = cells.likeness([picture for _, picture in shown]) - _OWN_LESS
+    # A cell is not compared with itself.
+    for index, (row, column) in enumerate(places):
+        alike[row, column, index] = -1.0
+    return _with_best(scores, [code for code, _ in shown], alike)
 
 
-def _handed(
-    cells: Cells, scores: NDArray[np.float64], pictures: list[tuple[int, Picture]]
-) -> float:
+def _handed(cells: Cells, scores: NDArray[np.float64], pictures: Sequence[CodedPicture]) -> float:
     """Returns by how much crossings look less like mirrored crossings.
 
     The stop lines of mirrored crossings are on the left lane.
@@ -132,14 +141,11 @@ def _handed(
         if CONNECTIONS[code] >= 3
     ]
     is_crossing = CONNECTIONS >= 3
-    differences = []
-    for place in cells.places:
-        right = scores[*place, is_crossing].max()
-        wrong = max((cells.likeness(place, picture) for picture in mirrored), default=-1.0)
-        # Only cells that are clearly crossings count, mirrored or not.
-        if max(right, wrong) > max(_CLEAR, scores[*place, ~is_crossing].max()):
-            differences.append(right - wrong)
-    return float(np.mean(differences)) if differences else 1.0
+    right, other = scores[..., is_crossing].max(axis=-1), scores[..., ~is_crossing].max(axis=-1)
+    wrong = cells.likeness(mirrored).max(axis=-1, initial=-1.0)
+    # Only cells that are clearly crossings count, mirrored or not.
+    is_clear = np.maximum(right, wrong) > np.maximum(_CLEAR, other)
+    return float((right - wrong)[is_clear].mean()) if is_clear.any() else 1.0
 
 
 def _agree(scores: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,8 +15,9 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
+from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs._views import flatten, places_of
-from elitelanes_jax.photographs.proposals import SURE, Proposal
+from elitelanes_jax.photographs.proposals import Proposal
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.files import Tile, check_picture
 from elitelanes_jax.tiles.light import ground_of

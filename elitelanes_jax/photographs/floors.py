@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import free_name
 from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs.cutting import Cut, cut_tiles, write_cuts
 from elitelanes_jax.photographs.lenses import Lens
-from elitelanes_jax.photographs.proposals import SURE, Proposal, propose_tiles
+from elitelanes_jax.photographs.proposals import Proposal, propose_tiles
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.photographs.sheet import draw_proposal, draw_sheet
 from elitelanes_jax.tiles.masking import proposal_sheet

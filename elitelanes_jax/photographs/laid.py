@@ -11,8 +11,9 @@ from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF, SIDES, rotate_codes
+from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs._views import Points
-from elitelanes_jax.photographs.proposals import SURE, Proposal
+from elitelanes_jax.photographs.proposals import Proposal
 
 
 class Difference(NamedTuple):

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.cells import cell_name, describe_cell
 from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs._views import FloorView, Points
 from elitelanes_jax.photographs.laid import LaidFloor, read_laid
-from elitelanes_jax.photographs.proposals import SURE, Proposal
+from elitelanes_jax.photographs.proposals import Proposal
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
 

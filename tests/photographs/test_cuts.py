@@ -10,9 +10,9 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.network.codes import CONNECTIONS, ROAD_ALPHABET
 from elitelanes_jax.photographs import Photograph, cut_tiles, propose_tiles, write_cuts
+from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs.cutting import mask_cut
 from elitelanes_jax.photographs.laid import find_differences, turn_floor, turn_to_plan
-from elitelanes_jax.photographs.proposals import SURE
 from elitelanes_jax.tiles import inspect_tiles, load_tiles, sides
 from elitelanes_jax.tiles.sides import measure_lanes
 from elitelanes_jax.tiles.strips import MIXED, find_strips

@@ -12,12 +12,11 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.photographs import (
     Photograph,
     Proposal,
-    proposals,
     propose_tiles,
 )
+from elitelanes_jax.photographs._judging import SURE, judge
 from elitelanes_jax.photographs._views import view_of
 from elitelanes_jax.photographs.laid import turn_floor
-from elitelanes_jax.photographs.proposals import SURE
 
 TOWN = photographed.TOWN
 CORNERS = photographed.corners_of(3, 3)
@@ -117,9 +116,9 @@ def test_cells_that_differ_are_not_believed_where_no_border_is_seen():
         {"repeats": 0.9465, "spread": 0.0052, "border": 0.0},
         {"repeats": 0.8843, "spread": 0.005, "border": 0.4},
     ):
-        assert proposals._judge(seen | evidence, "floor", ())[0] < SURE
+        assert judge(seen | evidence, "floor", ())[0] < SURE
     drawn = {"repeats": 0.97, "spread": 0.0056, "border": 0.22}
-    assert proposals._judge(seen | drawn, "floor", ())[0] > 0.9
+    assert judge(seen | drawn, "floor", ())[0] > 0.9
 
 
 def test_a_single_tile_may_lie_in_any_direction():

@@ -11,7 +11,7 @@ import pytest
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.photographs import (
     Photograph,
-    reading,
+    _picture_files,
 )
 from elitelanes_jax.photographs._jpeg import is_damaged, read_header
 from elitelanes_jax.photographs.lenses import read_lens
@@ -47,7 +47,7 @@ def test_photographs_are_upright_as_other_programs_show_them(suffix, tmp_path):
 
 def test_large_photographs_are_read_smaller(tmp_path, monkeypatch):
     photographed.write(tmp_path / "plain.jpg", photographed.photograph(TOWN))
-    monkeypatch.setattr(reading, "_MOST_READ", 800 * 640 / 3)
+    monkeypatch.setattr(_picture_files, "_MOST_READ", 800 * 640 / 3)
     small = Photograph.read(tmp_path / "plain.jpg")
     assert small.image.shape == (320, 400, 3) and small.shrunk == 2
     np.testing.assert_allclose(small.pixels_of(np.array([[100.5, 200.5]])), [[50, 100]])
@@ -64,10 +64,10 @@ def jpeg_with(stray, size=(300, 400)):
 def test_the_size_of_a_jpeg_is_read_as_its_decoder_reads_it(stray, tmp_path, monkeypatch):
     """Decoders skip bytes between segments: files with such bytes had no size, and were read without a limit."""
     (tmp_path / "stray.jpg").write_bytes(jpeg_with(stray))
-    monkeypatch.setattr(reading, "_MOST_READ", 60_000)
+    monkeypatch.setattr(_picture_files, "_MOST_READ", 60_000)
     with pytest.raises(InputError, match="at least 200 pixels a side, got 200 x 150"):  # read at a half
         Photograph.read(tmp_path / "stray.jpg")
-    monkeypatch.setattr(reading, "_MOST_PIXELS", 100_000)
+    monkeypatch.setattr(_picture_files, "_MOST_PIXELS", 100_000)
     message = "expected at most 0.1 megapixels, got 400 x 300; save it smaller$"
     with pytest.raises(InputError, match=message):
         Photograph.read(tmp_path / "stray.jpg")
