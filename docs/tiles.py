@@ -3,21 +3,27 @@
 python docs/tiles.py
 """
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.formats import read_map
+from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.tiles import TileSet, load_tiles, propose_masks, render
 
 FOLDER = Path(__file__).parent
 CORNERS = ((412, 188), (1210, 204), (1394, 1082), (236, 1050))  # of the tile, in the photograph
 SIDE, PHOTO = 512, (1600, 1200)
 PANEL, GAP, HEAD = 330, 20, 40
+WIDE = 1000
 TABLE, PAPER, INK, MARK = (190, 168, 136), (250, 249, 246), (40, 40, 44), (235, 40, 160)
+PLANNED = np.array([[6, 7, 3], [10, 10, 10], [12, 13, 9]], np.int8)
+LAID = np.array([[9, 7, 3], [10, 5, 0], [12, 13, 9]], np.int8)
 MASKS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}
 
 
@@ -27,6 +33,7 @@ def main() -> None:
     image = cropped(photo)
     write("tiles-masks.jpg", steps(photo, image))
     write("tiles-blend.jpg", before_and_after(in_other_light(tiles)))
+    write("tiles-read.jpg", differences(tiles))
 
 
 def photograph(tile: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -62,6 +69,22 @@ def before_and_after(tiles: TileSet) -> NDArray[np.uint8]:
     sets = (replace(tiles, blend=blend) for blend in (False, True))
     plain, blended = (render(town, one, tile_px=96, seed=4).image for one in sets)
     return np.hstack([plain, np.full((len(plain), GAP, 3), 255, np.uint8), blended])
+
+
+def differences(tiles: TileSet) -> NDArray[np.uint8]:
+    """Returns what `elitelanes tiles read` draws of a floor on which three tiles are wrong."""
+    is_tile = np.kron(LAID, np.ones((SIDE, SIDE)))[..., None] > 0
+    floor = np.where(is_tile, render(LAID, tiles, tile_px=SIDE).image, np.array(TABLE, np.uint8))
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        cv2.imwrite(str(folder / "floor.png"), photograph(floor)[..., ::-1])
+        RoadMap(PLANNED).save(folder / "plan.json")
+        files = [str(folder / file) for file in ("floor.png", "plan.json", "read.png")]
+        command = [sys.executable, "-m", "elitelanes_jax", "tiles", "read", files[0], "--against", files[1]]
+        subprocess.run([*command, "--picture", files[2]], check=True)
+        picture = np.asarray(cv2.imread(files[2]), np.uint8)
+    height = round(picture.shape[0] * WIDE / picture.shape[1])
+    return np.asarray(cv2.resize(picture, (WIDE, height), interpolation=cv2.INTER_AREA)[..., ::-1], np.uint8)
 
 
 def steps(photo: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint8]:

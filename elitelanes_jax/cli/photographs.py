@@ -266,7 +266,7 @@ def _read(options: argparse.Namespace) -> int:
     # The photograph may be taken from any side of the floor.
     laid = read_laid(found.proposal, None if plan is None else plan.codes)
     # The map comes first, then unsure tiles, then differences from the plan.
-    lines = [draw_text(laid.codes)]
+    lines = [draw_text(laid.codes, named=True)]
     lines += [f"{describe_cell(*cell)}: unsure" for cell in laid.unsure]
     if plan is not None:
         verb = "differs" if len(laid.differences) == 1 else "differ"

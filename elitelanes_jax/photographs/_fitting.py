@@ -1,7 +1,7 @@
 """Fits the view of a floor, or of a single tile, to a photograph.
 
-Tiles of a kind look alike, in all rotations, so that the cells of a floor measure its view. Where
-the room's floor around the tiles has another colour, the border is a second measurement. Both are
+Tiles of a kind look alike, in all rotations. Therefore the cells of a floor measure its view. If the
+room's floor around the tiles has another colour, the border is a second measurement. Both are
 linear in a small change of the view, and one least-squares problem: Gauss and Newton's method
 (Lucas and Kanade 1981 for pictures), with Tukey's weights. A single tile has its border alone.
 """

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.cells import cell_name, describe_cell
+from elitelanes_jax._util.cells import column_name, describe_cell
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs._views import FloorView, Points
@@ -136,7 +136,7 @@ def _names(rows: int, columns: int) -> list[tuple[Points, str]]:
         return []
     names = []
     for column in range(columns):
-        name = cell_name(0, column).rstrip("1")
+        name = column_name(column)
         names += [(np.array([column + 0.5, y]), name) for y in (-_BESIDE, rows + _BESIDE)]
     for row in range(rows):
         names += [(np.array([x, row + 0.5]), str(row + 1)) for x in (-_BESIDE, columns + _BESIDE)]

@@ -91,8 +91,8 @@ def measure_lanes(tiles: Iterable[Tile]) -> Lanes:
     with_separator, without = list[float](), list[float]()
     for tile in tiles:
         for side in measure_sides(tile):
-            # Half the width of a separator is part of the offset. Crossings have no separators, so
-            # that they do not tell it.
+            # Half the width of a separator is part of the offset. Crossings have no separators.
+            # Therefore they do not tell the offset.
             if side.separator is not None:
                 with_separator.append(side.lane)
             elif CONNECTIONS[tile.code] < 3:
