@@ -8,9 +8,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from elitelanes_jax import drive, fitness, load_tiles, measure, mirror, random_grids, repair, road_problem, rotate, run
+from elitelanes_jax import (
+    RoadMap,
+    drive,
+    fitness,
+    load_tiles,
+    measure,
+    mirror,
+    random_grids,
+    repair,
+    road_problem,
+    rotate,
+    run,
+)
 from elitelanes_jax.drive._camera import pack_sight
 from elitelanes_jax.drive.robot import Robot
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.network import bernoulli, measure_town, randint
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import (
@@ -115,9 +128,16 @@ def moves():
         yield name, Batch.each(move.apply, words(move.bits), grids(), grids()[::-1])
 
 
+def stepped(optimizer, key):
+    """Two steps in a loop of one's own."""
+    return jax.lax.scan(lambda state, key: optimizer.step(key, state), optimizer.init(key), jax.random.split(key))
+
+
 def methods():
     for name, config in CONFIGS.items():
         yield name, Batch(partial(run, make_optimizer(road_problem(SHAPE), config), generations=2), (keys(),))
+    optimizer = make_optimizer(road_problem(SHAPE), PRESETS["map-elites", "paper"])
+    yield "steps in a loop", Batch.each(partial(stepped, optimizer), keys())
 
 
 def loops():
@@ -141,10 +161,17 @@ def sight():
 
 
 def driven(environment, params, key, action):
-    """An episode of one step, and a step with its reset."""
-    first = environment.reset(key, params)
-    steps = (environment.step, drive.auto_reset(environment).step)
-    return first, [step(key, first[1], action, params) for step in steps]
+    """Two steps in a loop, also with resets."""
+    observation, start = environment.reset(key, params)
+
+    def ride(environment):
+        def step(state, key):
+            done = environment.step(key, state, action, params)
+            return done.state, done
+
+        return jax.lax.scan(step, start, jax.random.split(key))
+
+    return observation, ride(environment), ride(drive.auto_reset(environment))
 
 
 def environments():
@@ -162,6 +189,9 @@ def environments():
         yield name, Batch.each(partial(driven, drive.LaneDrive, params), keys(), jax.device_put(wheels))
     yield "lanes", Batch.each(lambda key: drive.lane_pose(RING, drive.random_pose(key, RING)), keys())
     yield "levels", Batch.each(lambda key: drive.random_level(key, RING), keys())
+    look = {"camera": drive.Camera(rows=4, columns=6), "variation": drive.Variation.varied(), "samples": 1}
+    scenes = drive.make_scenes([furnish(RoadMap(RING), "all")], tile_px=16)
+    yield "views", Batch.each(lambda key: jax.tree.leaves(drive.views(key, scenes, 1, **look)), keys())
     yield "pure_pursuit", Batch.each(partial(expert, jax.device_put(drive.LaneDriveParams(levels()))), keys())
 
 

@@ -4,6 +4,7 @@ It is a program of its own, because the number of devices is fixed when JAX star
 """
 
 import sys
+from operator import itemgetter
 
 import jax
 import numpy as np
@@ -13,6 +14,7 @@ from jax.sharding import AxisType, NamedSharding, PartitionSpec
 from elitelanes_jax import measure, repair
 
 LINE = jax.make_mesh((COUNT,), ("x",), axis_types=(AxisType.Explicit,))
+AUTOMATIC = jax.make_mesh((COUNT,), ("x",), axis_types=(AxisType.Auto,))
 SQUARE = jax.make_mesh((2, 2), ("x", "y"), axis_types=(AxisType.Explicit,) * 2)
 ROWS = {"over one axis": (LINE, "x"), "over two axes": (SQUARE, ("x", "y")), "over one axis of two": (SQUARE, "y")}
 
@@ -25,19 +27,24 @@ def compare(name, expected, function, *arguments):
         print(f"{name}: {type(error).__name__}: {str(error)[:300]}")
 
 
-# The batches of a short test.
+# The batches of a short test, and those that it runs in `jax.shard_map`: each has a loop of another file.
 FEW = ("measure", "repair, fill", "problem, plain", "random, plain")
+FEW_IN_SHARD_MAP = ("measure large grids", "strips", "levels")
 
 
 def main(group):
     if group == "few":
-        for name, batch in batches("kernels"):
+        for name, batch in batches("kernels", "moves", "environments"):
             if name in FEW:
                 compare_rows(name, batch, {"over two axes": ROWS["over two axes"]})
+            if name in FEW_IN_SHARD_MAP:
+                compare_in_shard_map(name, batch, LINE)
         return
     rows = ROWS if group == "kernels" else {"over one axis": ROWS["over one axis"]}
     for name, batch in batches(group):
         compare_rows(name, batch, rows, in_use=True)
+        compare_in_shard_map(name, batch, LINE)
+        compare_in_shard_map(name, batch, AUTOMATIC)
     if group == "kernels":
         for kernel in (measure, repair):
             compare_other_axes(kernel)
@@ -54,6 +61,19 @@ def compare_rows(name, batch, rows, in_use=False):
         if in_use:
             with jax.set_mesh(mesh):
                 compare(f"{name} {how}, of the mesh in use", expected, program, *sharded)
+
+
+def compare_in_shard_map(name, batch, mesh):
+    """Each device computes with its element of the batch as with a batch of one."""
+    function, arguments = batch
+    program = jax.jit(function)
+    elements = [jax.tree.map(itemgetter(np.s_[index : index + 1]), arguments) for index in range(COUNT)]
+    parts = [plain(program(*element)) for element in elements]
+    expected = [np.concatenate(leaves) for leaves in zip(*parts, strict=True)]
+    axis = PartitionSpec("x")
+    divided = jax.jit(jax.shard_map(function, mesh=mesh, in_specs=axis, out_specs=axis))
+    sharded = jax.device_put(arguments, NamedSharding(mesh, axis))
+    compare(f"{name} in shard_map, {mesh.axis_types}", expected, divided, *sharded)
 
 
 def compare_other_axes(kernel):

@@ -14,6 +14,7 @@ from elitelanes_jax.lanes.movements import EXIT, LaneNode
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import vary_together
 
 UNREACHABLE = 2**30
 """The distance if no way leads to the goal."""
@@ -151,9 +152,8 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
 
     # Distances begin at the goal, and sweep by sweep spread against the direction of driving.
     first = jnp.where(at_goal, dtype(0), far)
-    # The first condition is a True that depends on the grid. Inside `jax.shard_map` it is then on
-    # the same devices as the later ones.
-    reached, _ = jax.lax.while_loop(lambda carry: carry[1], sweep_on, (first, links.any() | True))
+    carry = vary_together((first, jnp.array(True)), links)
+    reached, _ = jax.lax.while_loop(lambda carry: carry[1], sweep_on, carry)
 
     def to_int32(lengths: Array) -> Array:
         return jnp.where(lengths >= far, UNREACHABLE, lengths.astype(jnp.int32))

@@ -22,6 +22,7 @@ from elitelanes_jax.network.bits import check_key, randint, random_bits, split
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import vary_together
 
 
 class Level(NamedTuple):
@@ -117,7 +118,9 @@ def _draw(bits: Array, among: Array, width: int) -> LaneNode:
     # The k-th of all True nodes is the first one where the running count is k.
     flat = among.reshape(-1)
     count = jnp.cumsum(flat)
-    index = jnp.searchsorted(count, randint(bits, jnp.maximum(count[-1], 1)) + 1).astype(jnp.int32)
+    number = randint(bits, jnp.maximum(count[-1], 1)) + 1
+    # JAX 0.7 looks up only arrays that differ between the same devices.
+    index = jnp.searchsorted(*vary_together((count, number))).astype(jnp.int32)
     index = jnp.minimum(index, flat.size - 1)
     return LaneNode(index // (4 * width), index // 4 % width, index % 4)
 

@@ -45,7 +45,8 @@ from elitelanes_jax.drive.lanes import (
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import check_key, random_bits, seed_key
-from elitelanes_jax.network.xla import once
+from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import once, vary_together
 
 # The bits of a position after the point.
 _UNIT = 20
@@ -268,6 +269,7 @@ def _draw(
 
 
 @partial(jax.jit, static_argnames=("batch", "samples"))
+@divide_batches
 def _draw_batch(
     key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int
 ) -> Views:
@@ -381,7 +383,8 @@ def _draw_pose(
         attempt, _ = carry
         return attempt + 1, place(uniform(hash_bits(fork(seed, attempt), (4,))))
 
-    return jax.lax.while_loop(is_bad, retry, (jnp.int32(0), place(numbers)))[1]
+    first = vary_together((jnp.int32(0), place(numbers)))
+    return jax.lax.while_loop(is_bad, retry, first)[1]
 
 
 def _lane_of(pose: Pose, scene: SceneMap, lane_offset: float) -> Float[Array, "3"]:

@@ -45,6 +45,7 @@ from elitelanes_jax.network.bits import uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import vary_together
 
 # These tables are read by heading: rows down and columns right to the next tile, and the angle.
 _DOWN = np.array([side.down for side in SIDES], np.int32)
@@ -299,7 +300,8 @@ def _nth_movement(exists: Bool[Array, "H W 4 3"], choice: Float[Array, ""]) -> M
     count = jnp.cumsum(exists.reshape(-1))
     # The movement is the first one where the running count exceeds this number.
     number = jnp.floor(choice * count[-1].astype(jnp.float32)).astype(jnp.int32)
-    index = jnp.searchsorted(count, number + 1)
+    # JAX 0.7 looks up only arrays that differ between the same devices.
+    index = jnp.searchsorted(*vary_together((count, number + 1)))
     index = jnp.minimum(index, count.size - 1).astype(jnp.int32)
     return Movement(*jnp.unravel_index(index, exists.shape))
 

@@ -26,7 +26,7 @@ from elitelanes_jax.network.codes import (
     exchange_sides,
     transpose_codes,
 )
-from elitelanes_jax.network.xla import materialize
+from elitelanes_jax.network.xla import materialize, vary_together
 
 SMALLEST_GROWN = 3
 """The shortest side of a grid on which a town grows."""
@@ -78,9 +78,8 @@ def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]
     ring = jnp.pad(
         _ring(height, width), [(0, max(shape) - side) for side in shape], constant_values=15
     )
-    town = jax.lax.fori_loop(
-        0, steps, lambda step, town: _grow(town, bits[step]), _Town(ring, streets, bends)
-    )
+    town = vary_together(_Town(ring, streets, bends))
+    town = jax.lax.fori_loop(0, steps, lambda step, town: _grow(town, bits[step]), town)
     return town.codes[:height, :width]
 
 

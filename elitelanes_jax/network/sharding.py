@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 from elitelanes_jax._util.types import Pytree
+from elitelanes_jax.network.xla import vary_together
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -34,10 +35,13 @@ def divide_batches(function: Callable[P, R], *, rows: Pytree = None) -> Callable
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         if _explicit_mesh((args, kwargs)) is None:
             # XLA divides batches on other meshes by itself.
-            return function(*args, **kwargs)
-        bound = inspect.signature(function).bind(*args, **kwargs)
-        divided = _divided(partial(function, **bound.kwargs), rows)
-        return divided(*bound.args)
+            result = function(*args, **kwargs)
+        else:
+            bound = inspect.signature(function).bind(*args, **kwargs)
+            result = _divided(partial(function, **bound.kwargs), rows)(*bound.args)
+        # A caller in `jax.shard_map` may carry the result in a loop, in which the next result
+        # differs between devices if an argument does.
+        return vary_together(result, args, kwargs)
 
     return call
 

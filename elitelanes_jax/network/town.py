@@ -20,7 +20,7 @@ from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
 from elitelanes_jax.network.records import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
 from elitelanes_jax.network.sharding import divide_batches
-from elitelanes_jax.network.xla import PaddedLayout
+from elitelanes_jax.network.xla import PaddedLayout, vary_together
 
 
 @name_wrong_arguments
@@ -290,9 +290,8 @@ def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array,
         new = _count(further) - _count(reached)
         return further, ways + new * length, length + 1, new > 0
 
-    # The carry is made from the links, so that inside `jax.shard_map` it is on the same devices.
-    zero = _count(east) * 0
-    carry = (start | (zero > 0), zero, zero + 1, zero == 0)
+    first = (start, jnp.int32(0), jnp.int32(1), jnp.array(True))
+    carry = vary_together(first, east, south)
     reached, ways, *_ = lax.while_loop(lambda carry: carry[3], once, carry)
     # On a full grid of streets the way between two tiles is the difference of rows plus that of
     # columns.

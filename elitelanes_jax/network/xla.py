@@ -26,7 +26,7 @@ from jaxtyping import (
     UInt32,
 )
 
-from elitelanes_jax._util.types import AnyArray, Pytree
+from elitelanes_jax._util.types import AnyArray, Pytree, Untyped
 
 _Carry = TypeVar("_Carry")
 _Tree = TypeVar("_Tree", bound=Pytree)
@@ -134,9 +134,8 @@ def once(compute: Callable[[], _Tree]) -> _Tree:
     taken = jax.lax.platform_dependent(
         cpu=lambda: jax.lax.optimization_barrier(jnp.bool_(True)), default=lambda: jnp.bool_(True)
     )
-    return jax.lax.cond(
-        taken, compute, lambda: jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), shapes)
-    )
+    # Zeros like a shape differ between the same devices, see `vary_together`.
+    return jax.lax.cond(taken, compute, lambda: jax.tree.map(jnp.zeros_like, shapes))
 
 
 def run_if(
@@ -150,9 +149,41 @@ def run_if(
     """
 
     def body(loop: tuple[Array, _Carry]) -> tuple[Array, _Carry]:
-        return jnp.array(False), compute(*loop)
+        return vary_together((jnp.array(False), compute(*loop)))
 
-    return lax.while_loop(lambda loop: loop[0], body, (condition, carry))[1]
+    return lax.while_loop(lambda loop: loop[0], body, vary_together((condition, carry)))[1]
+
+
+def vary_together(tree: _Tree, *others: Pytree) -> _Tree:
+    """Returns arrays that differ between devices if one of them, or of the other arrays, does.
+
+    In `jax.shard_map` the type of an array says along which axes of the mesh the devices hold
+    different numbers. The carry of a loop has to keep its types, but it often begins with constants,
+    which are equal on all devices. Elsewhere the arrays are returned unchanged.
+    """
+    arrays = [leaf for leaf in jax.tree.leaves((tree, others)) if isinstance(leaf, jax.Array)]
+    axes = frozenset[str]().union(*map(_varying_axes, arrays))
+    if not axes:
+        return tree
+    return jax.tree.map(lambda leaf: _to_varying(leaf, tuple(axes - _varying_axes(leaf))), tree)
+
+
+def _varying_axes(array: Array) -> frozenset[str]:
+    """Returns the axes of a mesh along which devices of `jax.shard_map` hold different numbers."""
+    kind: Untyped = jax.typeof(array)
+    # JAX 0.7 names the axes `vma`, and later versions have a record of them.
+    varying: frozenset[str] = kind.vma if hasattr(kind, "vma") else kind.manual_axis_type.varying
+    return varying
+
+
+def _to_varying(array: Array, axes: tuple[str, ...]) -> Array:
+    versions: Untyped = lax
+    # JAX 0.7 has `pvary` instead of `pcast`.
+    if hasattr(lax, "pcast"):
+        varying: Array = versions.pcast(array, axes, to="varying")
+    else:
+        varying = versions.pvary(array, axes)
+    return varying
 
 
 def align(*arrays: AnyArray) -> tuple[AnyArray, ...]:

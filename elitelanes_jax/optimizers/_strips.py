@@ -22,7 +22,7 @@ from elitelanes_jax.network.bits import bernoulli, mix, randint
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
 from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.sharding import divide_batches
-from elitelanes_jax.network.xla import lookup, materialize, take
+from elitelanes_jax.network.xla import lookup, materialize, take, vary_together
 from elitelanes_jax.optimizers._mutations import Move, Variation
 
 LINES = 3
@@ -262,7 +262,8 @@ def _refitted(
 
     # East of the stretch the present column stays, and east of the strip is an empty one.
     end = take(tables.back, take(jnp.append(old[1:], 0), east))
-    _, ahead = jax.lax.scan(back, jnp.zeros(2, jnp.uint32), (around, index == east), reverse=True)
+    none = vary_together(jnp.zeros(2, jnp.uint32), end, around)
+    _, ahead = jax.lax.scan(back, none, (around, index == east), reverse=True)
 
     # These states let each column show something else than at present.
     shown = take(tables.shown, old)
@@ -301,7 +302,8 @@ def _refitted(
         return (take(tables.shown, new), same & (new == old)), jnp.where(fits, new, _NONE)
 
     columns = (index, around, old, inside, ahead, refused)
-    _, new = jax.lax.scan(forth, (jnp.int32(0), jnp.asarray(True)), columns)
+    first = vary_together((jnp.int32(0), jnp.array(True)), bits, columns)
+    _, new = jax.lax.scan(forth, first, columns)
     return west, jnp.where((new == _NONE).any(), old, new)
 
 

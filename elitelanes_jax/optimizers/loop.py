@@ -17,7 +17,7 @@ from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
 from elitelanes_jax.network.edges import check_array, check_same_tree
 from elitelanes_jax.network.sharding import divide_batches
-from elitelanes_jax.network.xla import run_if
+from elitelanes_jax.network.xla import run_if, vary_together
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.problem.archive import Population
 
@@ -148,8 +148,9 @@ def advance(
         return over_seeds(step_one, keys, states)
 
     first, last = (jnp.asarray(bound, jnp.int32) for bound in (first, last))
+    states = vary_together(states, keys)
     row = jax.eval_shape(step, states, jnp.int32(0))[1]
-    no_row = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), row)
+    no_row = jax.tree.map(jnp.zeros_like, row)
 
     def run_generation(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
         # After `last` nothing is left to do. The loop of one round in `run_if` then passes on the

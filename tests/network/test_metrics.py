@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import export
-from jax.sharding import Mesh, PartitionSpec
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
@@ -182,18 +181,6 @@ def test_kernels_for_a_batch_of_any_size(shape):
     exported = export.export(kernels)(jax.ShapeDtypeStruct((size, *shape), jnp.int8))
     grids = np.random.default_rng(0).integers(0, 16, (5, *shape), np.int8)
     jax.tree.map(np.testing.assert_array_equal, exported.call(grids), kernels(grids))
-
-
-@pytest.mark.parametrize(
-    "kernel",
-    [measure, *(pytest.param(slow, marks=pytest.mark.slow) for slow in (partial(repair, fill=True), measure_town))],
-)
-def test_kernels_inside_shard_map(kernel):
-    mesh, shares = Mesh(jax.devices()[:1], "x"), PartitionSpec("x")
-    kernels = jax.vmap(kernel)
-    grids = np.random.default_rng(0).integers(0, 16, (4, 17, 16), np.int8)  # labels of 16 bits
-    divided = jax.jit(jax.shard_map(kernels, mesh=mesh, in_specs=shares, out_specs=shares))
-    jax.tree.map(np.testing.assert_array_equal, divided(grids), jax.jit(kernels)(grids))
 
 
 @pytest.mark.parametrize("length", [64, 65])
