@@ -295,7 +295,7 @@ def look(
 
     Args:
       pose: the pose of the middle between the wheels, in tiles.
-      grid: integer codes ``[H, W]``.
+      grid: integer codes ``[H, W]``; for traced ones see `measure`.
       sight: the camera and its pictures, from `make_sight`. For a camera that differs in a batch,
         give ``sight._replace(camera=camera)``.
       objects: the objects of the map, from `make_objects`; shown if the sight has their pictures.
@@ -380,7 +380,8 @@ def _tiles_of(grid: Int[Array, "H W"], sight: Sight) -> Int[Array, "H W"]:
     """Returns the tile of the atlas that each cell of a grid shows."""
     height, width = grid.shape
     index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)[None]
-    return sight.tiles[grid.astype(jnp.int32), index % sight.tiles.shape[1]]
+    # The four lowest bits of a traced code are read.
+    return sight.tiles[grid.astype(jnp.int32) & 15, index % sight.tiles.shape[1]]
 
 
 def render_view(

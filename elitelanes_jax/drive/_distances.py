@@ -35,7 +35,8 @@ _FAR_INT16 = 2**14
 def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
     """Returns which nodes a grid has.
 
-    A tile has the node of a heading if it is linked to the tile behind it.
+    A tile has the node of a heading if it is linked to the tile behind it. For traced codes see
+    `measure`.
 
     Raises:
       InputError: for a bad grid.
@@ -53,7 +54,7 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
     grid does not have the node.
 
     Args:
-      grid: integer codes ``[H, W]``.
+      grid: integer codes ``[H, W]``; for traced ones see `measure`.
       goal: a node. If the grid does not have it, all distances are `UNREACHABLE`.
 
     Raises:

@@ -65,8 +65,8 @@ def random_level(
 
     Args:
       key: consumed.
-      grid: integer codes ``[H, W]`` with at least one movement; codes under `jax.jit` and `jax.vmap`
-        are unknown and not checked.
+      grid: integer codes ``[H, W]`` with at least one movement; for traced codes see
+        `measure`.
       least: tiles from the start to the goal; fewer if no node is as far away.
       most: tiles from the start to the goal; more if no node is within `least` and `most`.
 

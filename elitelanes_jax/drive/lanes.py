@@ -161,7 +161,8 @@ class LanePose(NamedTuple):
 def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
     """Returns which movements each tile of a grid has.
 
-    Movements are by the heading when the tile is entered, and by the turn.
+    Movements are by the heading when the tile is entered, and by the turn. For traced codes see
+    `measure`.
 
     Raises:
       InputError: for a bad grid.
@@ -172,7 +173,7 @@ def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
 def check_lane(codes: AnyArray) -> None:
     """Raises `InputError` for a grid without a movement.
 
-    Under `jax.jit` and `jax.vmap` codes are unknown and not checked.
+    Traced codes are unknown and not checked.
     """
     if not isinstance(codes, jax.core.Tracer) and not movements_of(codes).row.size:
         raise no_lane_error()
@@ -265,8 +266,8 @@ def random_pose(
 
     Args:
       key: consumed.
-      grid: integer codes ``[H, W]`` with at least one movement; codes under `jax.jit` and `jax.vmap`
-        are unknown and not checked.
+      grid: integer codes ``[H, W]`` with at least one movement; for traced codes see
+        `measure`.
       offset: largest distance from the lane's centre in tiles, either way.
       heading: largest angle from the lane's direction in radians, either way.
       lane_offset: tiles from the road's middle to the centre of a lane.
@@ -364,7 +365,7 @@ def lane_pose(
     """Computes the position of a pose on the lanes of a grid.
 
     Args:
-      grid: integer codes ``[H, W]``.
+      grid: integer codes ``[H, W]``; for traced ones see `measure`.
       pose: finite; beyond the grid it is on no road.
       movement: the movement of the lane to use. By default, of the movements on the pose's tile
         that point less than a quarter turn away from it, the one with the smallest offset; if none

@@ -20,26 +20,46 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
     Args:
       metrics: the metrics of one grid, or of many with the same leading axes.
       weights: integers, or integer arrays that broadcast against the metrics. The sum must fit
-        int32.
+        int32. Under `jax.jit` and `jax.vmap` metrics are unknown, so this is not checked there;
+        `road_problem` checks it for all grids of its shape.
 
     Returns:
       int32, of the metrics' shape.
 
     Raises:
-      InputError: for anything but `Metrics` and `Weights`, or weights that are not integers.
+      InputError: for anything but `Metrics` and `Weights`, weights that are not integers, or a sum
+        that does not fit int32.
     """
     if not isinstance(metrics, Metrics):
         raise InputError(f"metrics: expected Metrics, from measure, got {type(metrics).__name__}")
     if not isinstance(weights, Weights):
         raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
     total = _integer("constant", weights.constant)
+    factors = []
     for name in Weights._fields[:-1]:
         value = getattr(metrics, name)
         if name == "components":
             # One component is no fault. An empty grid has none.
             value = jnp.maximum(value - 1, 0)
-        total = total + _integer(name, getattr(weights, name)) * value
+        weight = _integer(name, getattr(weights, name))
+        factors.append((weight, value))
+        total = total + weight * value
+    _check_sum(weights.constant, factors)
     return total
+
+
+def _check_sum(constant: Numeric, factors: list[tuple[Numeric, Numeric]]) -> None:
+    """Checks that a constant and the products of factors add up to a number that fits int32."""
+    if any(isinstance(number, jax.core.Tracer) for number in jax.tree.leaves((constant, factors))):
+        return
+    # No product of two numbers of 32 bits exceeds 64 bits. Of the metrics only the straight score
+    # has over 24 bits, so the sum does not either.
+    total = np.asarray(constant, np.int64)
+    for weight, value in factors:
+        total = total + np.asarray(weight, np.int64) * np.asarray(value, np.int64)
+    wrong = total[np.abs(total) >= 2**31]
+    if wrong.size:
+        raise InputError(f"weights: expected a fitness within int32, got {wrong.flat[0]:,}")
 
 
 def _integer(name: str, weight: Numeric) -> Int32[Array, "..."]:

@@ -191,8 +191,8 @@ class TownFeatures(NamedTuple):
     a crossing or dead end to the next; a ring without either is one street.
 
     Attributes:
-      crossings3: tiles with three connections.
-      crossings4: tiles with four connections.
+      crossings3: tiles with three connections, linked or not.
+      crossings4: tiles with four connections, linked or not.
       largest_block: area of the largest block, an inner face of the network.
       smallest_block: area of the smallest block.
       mean_block: mean area of the blocks, a ratio.
@@ -212,8 +212,8 @@ class TownFeatures(NamedTuple):
         empty) with its most similar image: mirrored either way, or rotated by half a turn.
       repetition: part of the tiles whose neighbourhood of 3 x 3 codes equals that of another tile.
       adjacent_turns_per_tile: pairs of turns that share a side / tiles, a ratio.
-      signable: part of the crossings that have room for Duckietown's signs: no road on the four
-        cells at their corners; all if there is no crossing.
+      signable: part of the tiles with three or four links that have room for Duckietown's signs: no
+        road on the four cells at their corners; all if there is no such tile.
       mean_detour: way by road / way on a full grid of streets, both summed over all pairs of linked
         tiles, a ratio.
     """

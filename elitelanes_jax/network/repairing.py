@@ -39,7 +39,8 @@ def repair(
     If two neighbours disagree about the link between them, the dirty one decides and the other's
     bit is flipped. If both or neither are dirty, the link is made. All 16 codes are allowed, so
     flipping one side breaks no other link: a single pass is exact, and the iterations of the
-    paper's loop are not needed.
+    paper's loop are not needed. Under `jax.jit` and `jax.vmap` codes are not checked, and their four
+    lowest bits are read.
 
     Args:
       grid: integer codes ``[H, W]``.

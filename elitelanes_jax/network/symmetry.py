@@ -25,9 +25,11 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """Rotates a grid of codes ``[H, W]`` counter-clockwise by quarter turns, as `numpy.rot90` does.
 
     Any whole number of turns is valid; negative ones rotate clockwise. Returns int8 ``[H, W]`` or
-    ``[W, H]``. Raises `InputError` for a bad grid.
+    ``[W, H]``. Raises `InputError` for a bad grid. Under `jax.jit` and `jax.vmap` codes are not
+    checked, and their four lowest bits are read.
     """
-    grid = check_grid(grid)
+    # The four lowest bits of a traced code are read.
+    grid = check_grid(grid) & 15
     turns = check_named("quarter_turns", whole(-LARGEST, LARGEST), quarter_turns) % 4
     with transfers():
         for _ in range(turns):
@@ -39,7 +41,8 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
 def mirror(grid: AnyArray) -> AnyArray:
     """Mirrors a grid of codes ``[H, W]`` east to west, as `numpy.fliplr` does.
 
-    Returns int8 ``[H, W]``. Raises `InputError` for a bad grid.
+    Returns int8 ``[H, W]``. Raises `InputError` for a bad grid. Under `jax.jit` and `jax.vmap` codes
+    are not checked, and their four lowest bits are read.
     """
     with transfers():
         return _mirrored(check_grid(grid))

@@ -28,7 +28,8 @@ from elitelanes_jax.network.xla import PaddedLayout, vary_together
 def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
     """Measures the features of one town; `jax.vmap` it for many.
 
-    Within `jax.jit` features that are not used cost no time.
+    Within `jax.jit` features that are not used cost no time. Under `jax.jit` and `jax.vmap` codes
+    are not checked, and their four lowest bits are read.
 
     Args:
       grid: integer codes ``[H, W]``, repaired or not. A connection that the neighbour does not
@@ -49,6 +50,8 @@ def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
 @partial(jax.jit, static_argnames="detour")
 @divide_batches
 def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
+    # The four lowest bits of a traced code are read.
+    grid = grid & 15
     east = (grid[:, :-1] & EAST > 0) & (grid[:, 1:] & WEST > 0)
     south = (grid[:-1] & SOUTH > 0) & (grid[1:] & NORTH > 0)
     tile = grid > 0
@@ -251,7 +254,10 @@ def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
 def _signable(
     tile: Bool[Array, "H W"], east: Bool[Array, "H w"], south: Bool[Array, "h W"]
 ) -> Int32[Array, ""]:
-    """Returns the part of the crossings without a road at a corner, in thousandths."""
+    """Returns the part of the crossings without a road at a corner, in thousandths.
+
+    A crossing is a tile with three or four links, because links are what signs are placed by.
+    """
     height, width = tile.shape
     east, south = east.astype(jnp.int8), south.astype(jnp.int8)
     links = jnp.pad(east, ((0, 0), (0, 1))) + jnp.pad(east, ((0, 0), (1, 0)))

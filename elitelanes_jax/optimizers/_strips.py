@@ -180,7 +180,8 @@ def refit_strip(
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         bits = check_array("bits", bits, (_MOVE_BITS,), jnp.uint32)
-        grid = jnp.asarray(grid, jnp.int8)
+        # The four lowest bits of a traced code are read.
+        grid = jnp.asarray(grid, jnp.int8) & 15
         height, width = grid.shape
         if min(height, width) < LINES:
             return Variation(grid, jnp.zeros(grid.shape, bool))

@@ -289,6 +289,8 @@ def _to_alphabet(
 
     Code c becomes the one at index c mod K.
     """
+    # The four lowest bits of a traced code are read.
+    grid = grid & 15
     if set(alphabet) == set(range(16)):
         return grid
     code_by_code = list(range(16))

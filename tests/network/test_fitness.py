@@ -62,6 +62,17 @@ def test_the_bound_on_the_fitness_holds():
             check_weights(nothing._replace(**{name: most + 1}), (4, 9))
 
 
+def test_a_sum_over_32_bits_is_refused():
+    metrics = some_metrics(3)
+    tiles = np.asarray(metrics.tiles, int)
+    assert fitness(metrics, Weights(tiles=2**20)).dtype == jnp.int32
+    for weight in (2**30, -(2**30), np.array([1, 2, 2**30])):
+        worst = (tiles * weight)[np.abs(tiles * weight) >= 2**31][0]
+        with pytest.raises(InputError, match="weights: expected a fitness within int32, got ") as error:
+            fitness(metrics, Weights(**dict.fromkeys(Weights._fields, 0))._replace(tiles=weight))
+        assert str(error.value).endswith(f"{worst:,}")
+
+
 def test_weights_that_are_not_integers_are_refused():
     metrics = some_metrics(3)
     for weight in (2**40, np.int64(2**32), np.array([0, -(2**31) - 1, 0])):
