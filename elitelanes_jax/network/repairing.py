@@ -100,10 +100,11 @@ def _repair(
         rows < cells.height - 1, SOUTH, 0
     )
     fixed = np.zeros(grid.shape, bool) if fixed is None else fixed
-    # A True cell of a mask has all four bits, so that a mask can be combined with codes and links.
+    # The four lowest bits of a traced code are read. A True cell of a mask has all four bits, so that
+    # a mask can be combined with codes and links.
     words = (
         cells.pack(array)
-        for array in (materialize(grid), jnp.where(dirty, 15, 0), jnp.where(fixed, 15, 0), room)
+        for array in (materialize(grid) & 15, jnp.where(dirty, 15, 0), jnp.where(fixed, 15, 0), room)
     )
     all_bits = jnp.broadcast_to(jnp.where(raster, np.uint32(0xFFFFFFFF), 0), cells.words)
     return cells.unpack(_mender(cells, fill)(*words, all_bits))

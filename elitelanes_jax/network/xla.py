@@ -321,7 +321,7 @@ class PackedCells(NamedTuple):
         return -(-(self.height * self.width + self.width + 1) // _CELLS)
 
     def pack(self, cells: Int[Array | np.ndarray, "H W"]) -> UInt32[Array, " N"]:
-        flat = jnp.asarray(cells, jnp.uint32).reshape(-1) & 15
+        flat = jnp.asarray(cells, jnp.uint32).reshape(-1)
         flat = jnp.pad(flat, (0, -flat.size % _CELLS)).reshape(-1, _CELLS)
         words = (flat << _SHIFTS).sum(axis=1, dtype=jnp.uint32)
         return jnp.pad(words, (0, self.words - words.size))
