@@ -24,7 +24,7 @@ from elitelanes_jax import (
 from elitelanes_jax.drive._camera import pack_sight
 from elitelanes_jax.drive.robot import Robot
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.network import bernoulli, measure_town, randint
+from elitelanes_jax.network import bernoulli, difference, measure_town, randint
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
@@ -114,6 +114,7 @@ def kernels():
     yield "repair", Batch.each(repair, grids(), masks)
     yield "repair, fill", Batch.each(partial(filled, raster=True), grids(), masks)
     yield "rotate, mirror", Batch.each(lambda grid: (rotate(grid), mirror(grid)), grids())
+    yield "difference", Batch.each(difference, grids(), grids()[::-1])
     yield "random_grids", Batch.each(lambda key: random_grids(key, 2, SHAPE), keys())
     yield "random_bits", Batch.each(lambda key: random_bits(key, (3,)), keys())
     yield "randint, bernoulli", Batch.each(lambda bits: (randint(bits, 9), bernoulli(bits, 0.5)), words(5))

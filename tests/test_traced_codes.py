@@ -21,7 +21,7 @@ from elitelanes_jax.drive import (
     random_level,
     random_pose,
 )
-from elitelanes_jax.network import measure_town
+from elitelanes_jax.network import difference, measure_town
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import MoveWeights, random_move, refit_strip, with_symmetric_copy
 from elitelanes_jax.optimizers._moves import KNOWN_MOVES, make_move
@@ -44,6 +44,7 @@ KERNELS = {
     "mirror": mirror,
     "evaluate": lambda grid: road_problem((4, 5)).evaluate(grid[None].astype(jnp.int8)),
     "Problem.repair": ROUTES.repair,
+    "difference": lambda grid: difference(grid, np.full((2, 3), 7)),
     "distances": lambda grid: distances(grid, LaneNode(1, 1, 1)),
     "lanes": lambda grid: (lane_nodes(grid), movements(grid), lane_pose(grid, POSE), random_pose(KEY, grid)),
     "random_level": partial(random_level, KEY),

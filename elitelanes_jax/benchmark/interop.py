@@ -17,7 +17,7 @@ from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.benchmark.measuring import count_flaws
 from elitelanes_jax.benchmark.tasks import find_task
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.plain_metrics import cut_to_roads, plain_measure
 from elitelanes_jax.network.records import Metrics
@@ -101,7 +101,7 @@ class RoadNetworks:
 
         Raises `InputError` for other codes than 0 to 15, or another shape.
         """
-        codes = np.asarray(check_grid(content))
+        codes = known_grid(content)
         if codes.shape != self.shape:
             height, width = self.shape
             raise InputError(

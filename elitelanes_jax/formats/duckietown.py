@@ -23,7 +23,7 @@ from elitelanes_jax.formats._duckietown_objects import read_objects, write_objec
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.objects import MapObject, check_objects
 from elitelanes_jax.lanes.links import linked_tiles, side_towards
-from elitelanes_jax.network.checks import check_grid, check_sides
+from elitelanes_jax.network.checks import check_sides, known_grid
 from elitelanes_jax.network.codes import CONNECTIONS, rotate_codes
 
 TILE_SIZE = 0.585
@@ -130,7 +130,7 @@ def check_roads(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
 
     Raises `InputError` for dead ends.
     """
-    grid = np.asarray(check_grid(codes))
+    grid = known_grid(codes)
     dead_ends = np.argwhere(CONNECTIONS[grid] == 1).tolist()
     if dead_ends:
         places = [describe_cell(row, column) for row, column in dead_ends]
@@ -184,7 +184,7 @@ def _read_tiles(values: Plain) -> Int8[np.ndarray, "H W"]:
     codes = []
     for row, tiles in enumerate(rows):
         codes.append([_code_of(tile, row, column) for column, tile in enumerate(tiles)])
-    return np.array(check_grid(codes))
+    return np.array(known_grid(codes))
 
 
 def _code_of(tile: Plain, row: int, column: int) -> int:
@@ -214,7 +214,7 @@ def without_dead_ends(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
     Raises:
       InputError: for a bad grid.
     """
-    grid = np.asarray(check_grid(codes))
+    grid = known_grid(codes)
     # A tile with fewer than two links is removed. This may leave a neighbour with fewer than two,
     # which is removed next.
     links = linked_tiles(grid)

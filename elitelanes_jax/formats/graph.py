@@ -2,13 +2,12 @@
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax.lanes.links import linked_tiles
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import KIND_OF
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ def tile_graph(codes: ArrayLike) -> "networkx.Graph":
       InputError: for a bad grid, or without NetworkX.
     """
     nx = import_optional("networkx", "graphs need NetworkX")
-    grid = np.asarray(check_grid(codes))
+    grid = known_grid(codes)
     links = linked_tiles(grid)
     graph = nx.Graph()
     graph.add_nodes_from(

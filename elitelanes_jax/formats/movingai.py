@@ -16,7 +16,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.lanes.curves import on_road
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import no_road_error
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import known_grid
 
 # The number of starts, and of goals from each start.
 _STARTS, _GOALS = 10, 10
@@ -84,7 +84,7 @@ def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
       InputError: for a bad grid, `cells` that are not 5 to 256, or over `_MOST_CELLS` in all.
     """
     cells = check_named("cells", whole(5, 256), cells)
-    links = linked_codes(np.asarray(check_grid(codes)))
+    links = linked_codes(known_grid(codes))
     if links.size * cells**2 > _MOST_CELLS:
         raise InputError(
             f"cells: expected at most {_MOST_CELLS:,} in all, got {links.size * cells**2:,}"

@@ -21,7 +21,7 @@ from elitelanes_jax.formats.dt_layers import is_layers, read_layers
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
 from elitelanes_jax.formats.sketch import draw_svg, draw_text
-from elitelanes_jax.network.checks import check_grid, check_sides
+from elitelanes_jax.network.checks import check_sides, known_grid
 from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 
 _FORMAT = "elitelanes map, version 1"
@@ -80,7 +80,7 @@ class RoadMap:
 
     def __post_init__(self) -> None:
         """Checks all fields; raises `InputError`."""
-        codes = np.array(check_grid(self.codes))
+        codes = np.array(known_grid(self.codes))
         # A change of the codes would contradict the metrics.
         codes.flags.writeable = False
         height, width = codes.shape
@@ -462,7 +462,7 @@ def _grid(rows: Plain) -> NDArray[np.int8]:
                     raise InputError(
                         f"grid: expected tile codes 0 to 15, got {got} at {describe_cell(y, x)}"
                     )
-    return np.array(check_grid(rows))
+    return np.array(known_grid(rows))
 
 
 def _has_shape(table: list[list[Plain]], shape: tuple[int, ...]) -> bool:

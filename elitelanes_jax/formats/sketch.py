@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import column_name
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import EAST, SIDES
 
 # The characters of the codes.
@@ -21,7 +21,7 @@ def draw_text(codes: ArrayLike, *, ascii_only: bool = False, named: bool = False
     `cell_name`. Raises `InputError` for a bad grid.
     """
     signs, along = (_ASCII, "-") if ascii_only else (_LINES, "─")
-    rows = np.asarray(check_grid(codes)).tolist()
+    rows = known_grid(codes).tolist()
     lines = [
         "".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip()
         for row in rows
@@ -51,7 +51,7 @@ def draw_svg(grid: ArrayLike) -> str:
     Raises:
       InputError: for a bad grid.
     """
-    codes = np.asarray(check_grid(grid))
+    codes = known_grid(grid)
     height, width = codes.shape
     # The side of a tile in pixels.
     scale = min(30, 480 / max(height, width))

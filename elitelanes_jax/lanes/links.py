@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import check_grid, known_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, SIDES, Side
 
 Cell = tuple[int, int]
@@ -43,7 +43,7 @@ def ends_of_roads(codes: Codes) -> list[Cell]:
 
     These tiles have one connection, or a connection that no neighbour returns.
     """
-    grid = np.asarray(check_grid(codes))
+    grid = known_grid(codes)
     # A connection that `linked_codes` removes also ends a road.
     is_end = (CONNECTIONS[grid] == 1) | (linked_codes(grid) != grid)
     return [(row, column) for row, column in np.argwhere(is_end).tolist()]

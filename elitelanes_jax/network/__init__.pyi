@@ -1,10 +1,10 @@
 from . import fitness as fitness
 from . import wfc as wfc
+from ._difference import difference as difference
 from .batches import vmap_in_blocks as vmap_in_blocks
 from .bits import bernoulli as bernoulli
 from .bits import randint as randint
 from .bits import random_grids as random_grids
-from .likeness import difference as difference
 from .metrics import measure as measure
 from .plain_metrics import plain_measure as plain_measure
 from .records import Metrics as Metrics

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Set
 from pathlib import PurePath
 
 import numpy as np
+from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
@@ -69,7 +70,6 @@ def check_grid(grid: AnyArray) -> AnyArray:
       InputError: if it is not two-dimensional, has a side under 1 or over `LONGEST_SIDE`, holds
         anything but integers, or a code outside 0..15.
     """
-    # If nobody has imported JAX, the grid is no array of JAX. So this function needs no import.
     jax = sys.modules.get("jax")
     if hasattr(grid, "codes"):
         name = type(grid).__name__
@@ -97,7 +97,7 @@ def check_grid(grid: AnyArray) -> AnyArray:
     check_shape(array.shape)
     if array.dtype.kind not in "iu":
         raise InputError(f"grid: expected integer tile codes, got {array.dtype}")
-    if not (jax and isinstance(array, jax.core.Tracer)):
+    if not is_traced(array):
         codes = np.asarray(array)
         if codes.min() < 0 or codes.max() > 15:
             row, column = np.argwhere((codes < 0) | (codes > 15))[0]
@@ -106,3 +106,23 @@ def check_grid(grid: AnyArray) -> AnyArray:
                 f"at {describe_cell(row, column)}"
             )
     return array.astype(np.int8)
+
+
+def known_grid(grid: AnyArray) -> Int8[np.ndarray, "H W"]:
+    """Checks a grid as `check_grid` does, and returns it as an array of NumPy.
+
+    Raises `InputError` for traced codes too, which have no value.
+    """
+    if is_traced(grid):
+        raise InputError(
+            "grid: expected known tile codes, got traced ones; call this function outside of "
+            "jax.jit and jax.vmap"
+        )
+    return np.asarray(check_grid(grid))
+
+
+def is_traced(grid: AnyArray) -> bool:
+    """Returns whether a grid is an array of unknown codes, within `jax.jit` or `jax.vmap`."""
+    # If nobody has imported JAX, the grid is no array of JAX.
+    jax = sys.modules.get("jax")
+    return jax is not None and isinstance(grid, jax.core.Tracer)

@@ -1,4 +1,4 @@
-"""Compares maps by their roads, at any position, rotation and reflection; in NumPy alone."""
+"""Compares sets of maps by their roads, as `difference` does; in NumPy alone."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, TypeAlias
@@ -6,9 +6,6 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF, KINDS
 from elitelanes_jax.network.symmetry import box_of_roads, canonical_forms, images_of
 
@@ -36,28 +33,6 @@ def road_forms(grids: _Grids) -> list[bytes]:
         for index, form in zip(indices, canonical_forms(boxes), strict=True):
             forms[index] = form
     return forms
-
-
-@name_wrong_arguments
-def difference(grid: AnyArray, other: AnyArray) -> float:
-    """Returns the share of tiles in which two grids differ.
-
-    The grids are compared at the position where they are most alike. One grid's roads are laid on
-    the other's at every position, rotated and mirrored in all eight ways. In each way, the cells
-    with different codes are counted; a tile on an empty cell differs too. The least count is
-    divided by the number of cells of the larger grid, empty cells at its border included. The share
-    is 0 if and only if the roads are the same.
-
-    Raises `InputError` for a bad grid.
-    """
-    first, second = (np.asarray(check_grid(codes), np.int8) for codes in (grid, other))
-    roads, share = RoadSet([first]), np.inf
-    for below in (0.15, 0.3, 0.6, np.inf):
-        # The smaller the limit, the fewer positions are compared.
-        share = float(roads.differences(second, below)[0])
-        if share < below:
-            break
-    return share
 
 
 def group_alike(grids: _Grids, labels: NDArray[np.int_] | None = None) -> NDArray[np.int_]:

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Int8, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray, Numeric
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import (
     CONNECTIONS,
     EAST,
@@ -32,7 +32,7 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
       The fields of `Metrics` by name: ints, `coverage` a float32 of NumPy; equal to those of
       `measure`.
     """
-    codes = np.asarray(check_grid(grid))
+    codes = known_grid(grid)
     allowed = range(16) if alphabet is None else check_alphabet(alphabet)
     north, east = codes & NORTH > 0, codes & EAST > 0
     south, west = codes & SOUTH > 0, codes & WEST > 0
@@ -121,7 +121,7 @@ def plain_town(grid: AnyArray) -> dict[str, int]:
     The numbers are those of `measure_town`.
     """
     # Of these features only `box_share` depends on the size of the grid around the roads.
-    codes = cut_to_roads(np.asarray(check_grid(grid)))
+    codes = cut_to_roads(known_grid(grid))
     metrics, road = plain_measure(codes), codes > 0
     tiles = max(metrics["tiles"], 1)
     height, width = codes.shape

@@ -104,7 +104,12 @@ def _repair(
     # a mask can be combined with codes and links.
     words = (
         cells.pack(array)
-        for array in (materialize(grid) & 15, jnp.where(dirty, 15, 0), jnp.where(fixed, 15, 0), room)
+        for array in (
+            materialize(grid) & 15,
+            jnp.where(dirty, 15, 0),
+            jnp.where(fixed, 15, 0),
+            room,
+        )
     )
     all_bits = jnp.broadcast_to(jnp.where(raster, np.uint32(0xFFFFFFFF), 0), cells.words)
     return cells.unpack(_mender(cells, fill)(*words, all_bits))

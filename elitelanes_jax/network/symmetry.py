@@ -12,7 +12,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, whole
 from elitelanes_jax._util.running import transfers
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import check_grid, known_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
 from elitelanes_jax.network.plain_metrics import cut_to_roads
 
@@ -52,7 +52,8 @@ def mirror(grid: AnyArray) -> AnyArray:
 def canonical_form(grid: AnyArray, *, crop: bool = False) -> bytes:
     """Returns bytes that are equal for a grid and its rotations and mirror images.
 
-    The bytes of other grids differ.
+    The bytes of other grids differ. It is no kernel: under `jax.jit` and `jax.vmap` there are no
+    bytes, and it raises `InputError`.
 
     Args:
       grid: integer codes ``[H, W]``.
@@ -62,7 +63,7 @@ def canonical_form(grid: AnyArray, *, crop: bool = False) -> bytes:
     Raises:
       InputError: for a bad grid.
     """
-    codes = np.asarray(check_grid(grid), np.int8)
+    codes = known_grid(grid)
     if crop:
         codes = box_of_roads(codes)
     return next(canonical_forms(codes[None]))

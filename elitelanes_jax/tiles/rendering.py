@@ -28,7 +28,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
 from elitelanes_jax.formats.road_map import RoadMap, as_map
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles._blend import feather, lay_toned, solve_tones
 from elitelanes_jax.tiles._lots import draw_lots
@@ -134,7 +134,7 @@ class TileChoice(NamedTuple):
 
 def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
     """Lists the pictures of each cell of a grid; the errors are those of `choose_tiles`."""
-    grid = np.asarray(check_grid(grid))
+    grid = known_grid(grid)
     if not isinstance(tiles, TileSet):
         raise InputError(
             f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}"
@@ -277,7 +277,7 @@ def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
 
 
 def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray[np.int_]:
-    grid = np.asarray(check_grid(grid))
+    grid = known_grid(grid)
     try:
         chosen = np.asarray(chosen)
     except ValueError:

@@ -1,5 +1,6 @@
 """Maps are compared by their roads, wherever these are: against an oracle that lays one on the other cell by cell."""
 
+import jax
 import numpy as np
 import pytest
 from conftest import ALL_SHAPES, grids
@@ -7,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from oracle import difference as slow_difference
 
-from elitelanes_jax import InputError, mirror, rotate
-from elitelanes_jax.network import likeness
-from elitelanes_jax.network.likeness import RoadSet, difference, group_alike, road_forms
+from elitelanes_jax import InputError, RoadMap, mirror, render, rotate
+from elitelanes_jax.network import difference, likeness, plain_measure
+from elitelanes_jax.network.likeness import RoadSet, group_alike, road_forms
 from elitelanes_jax.network.symmetry import canonical_form
 
 TOWN = np.array([[6, 5, 3, 0], [10, 0, 14, 3], [12, 5, 13, 9]], np.int8)
@@ -59,6 +60,28 @@ def test_filled_grids_are_compared_cell_by_cell():
     one, other = np.random.default_rng(0).integers(1, 16, (2, 9, 9)).astype(np.int8)
     images = [rotate(flipped, turns) for flipped in (other, mirror(other)) for turns in range(4)]
     assert difference(one, other) == min((one != image).mean() for image in images)
+
+
+@pytest.mark.parametrize("shape", [(4, 5), pytest.param((3, 7), marks=pytest.mark.slow)])
+def test_it_is_a_kernel(shape):
+    rng = np.random.default_rng(5)
+    many, others = (
+        np.where(rng.random((40, *sides)) < 0.6, rng.integers(0, 16, (40, *sides)), 0) for sides in ((4, 5), shape)
+    )
+    if shape == (4, 5):
+        # Half of them are images with another code.
+        others[::2] = np.roll(rotate(many[0], 2), 1, axis=0), *map(mirror, many[2::2])
+        others[::2, 1, 2] ^= 4
+    shares = jax.jit(jax.vmap(difference))(many, others)
+    expected = [difference(grid, other) for grid, other in zip(many, others, strict=True)]
+    assert shares.dtype == np.float32
+    np.testing.assert_array_equal(shares, np.float32(expected))
+
+
+@pytest.mark.parametrize("function", [canonical_form, plain_measure, render, RoadMap])
+def test_functions_that_are_no_kernels_refuse_traced_codes(function):
+    with pytest.raises(InputError, match=r"^grid: expected known tile codes, got traced ones; call .* outside of jax.jit"):
+        jax.jit(function)(TOWN)
 
 
 def test_a_set_of_many_sizes_gives_what_pairs_give():
