@@ -75,6 +75,19 @@ def unmasked(value: UserValue) -> UserValue:
     return value
 
 
+def frozen_copy(value: UserValue) -> UserValue:
+    """Returns an array of NumPy as a copy that cannot be written to; anything else unchanged.
+
+    What is kept after a call is copied, because its caller may write to the array later. Such a copy
+    is not copied again.
+    """
+    if not isinstance(value, np.ndarray) or (value.base is None and not value.flags.writeable):
+        return value
+    copy = np.array(value)
+    copy.flags.writeable = False
+    return copy
+
+
 def whole(least: int, most: int = _LARGEST_INT32) -> Check:
     """Makes a check for a whole number from `least` to `most`."""
 

@@ -387,7 +387,8 @@ class Batch:
             array = np.minimum(np.maximum(array, 0).astype(np.uint64), choices - 1)
         # Larger numbers become infinite, and environments clip these.
         with np.errstate(over="ignore"):
-            return array.astype(action.dtype, copy=False)
+            # A copy, because the caller may write to its array before the step is made.
+            return array.astype(action.dtype)
 
 
 def read_actions(actions: UserValue) -> np.ndarray:

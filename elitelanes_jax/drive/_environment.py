@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import Check, check_named, instance
+from elitelanes_jax._util.checks import Check, check_named, frozen_copy, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
@@ -166,7 +166,7 @@ def auto_replay(environment: Environment) -> Environment:
         key: Key[Array, ""], level: Level, params: Pytree
     ) -> tuple[Pytree, ReplayState]:
         seen, state = environment.reset_to_level(key, level, params)
-        return seen, ReplayState(state, level)
+        return seen, ReplayState(state, jax.tree.map(frozen_copy, level))
 
     @runs_jax
     @divide_batches

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
+import jax
 from jaxtyping import Array, Bool, Float, Int8, Int32, UInt8
 
-from elitelanes_jax._util.checks import is_real, one_of, real, whole
+from elitelanes_jax._util.checks import frozen_copy, is_real, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import REQUIRED, Record, nested, option
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
@@ -21,7 +22,8 @@ from elitelanes_jax.network.pytrees import pytree, static, traced
 
 def _check_sight(value: UserValue) -> Sight | None:
     if value is None or isinstance(value, Sight):
-        return value
+        copy: Sight | None = jax.tree.map(frozen_copy, value)
+        return copy
     raise InputError(f"expected a result of make_sight, or None, got {type(value).__name__}")
 
 

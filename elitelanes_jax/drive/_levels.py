@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, clip_to_int32, whole
+from elitelanes_jax._util.checks import check_named, clip_to_int32, frozen_copy, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
@@ -204,11 +204,15 @@ def _random_levels(keys: Array, grids: Array, least: Numeric, most: Numeric) -> 
 
 
 def check_batch(levels: UserValue) -> Level:
-    """Checks that a value is a batch of one or more levels, but not the levels."""
+    """Checks that a value is a batch of one or more levels, but not the levels.
+
+    Returns a copy, as `frozen_copy` makes it.
+    """
     batch = _check_axes(levels, 3, "a batch of levels (see make_levels)")
     if not batch.grid.shape[0]:
         raise InputError("expected one or more levels, got none")
-    return batch
+    copy: Level = jax.tree.map(frozen_copy, batch)
+    return copy
 
 
 def check_single(level: UserValue) -> Level:

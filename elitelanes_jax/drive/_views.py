@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Key, UInt8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import SEED, check_named, instance, whole
+from elitelanes_jax._util.checks import SEED, check_named, frozen_copy, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._camera import Camera, focal_length, rays_of, reach_ground
@@ -216,7 +216,8 @@ def stream_views(
     _check_arguments(scenes, batch, camera, variation, samples)
     draw = partial(
         _draw,
-        scenes=scenes,
+        # Put on the device once, because every batch would transfer an array of NumPy.
+        scenes=jax.device_put(jax.tree.map(frozen_copy, scenes)),
         camera=camera,
         variation=variation,
         batch=int(batch),

@@ -22,7 +22,7 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import SEED, check_named, instance, real, whole
+from elitelanes_jax._util.checks import SEED, check_named, frozen_copy, instance, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
@@ -379,6 +379,8 @@ def film(
         picture = render(road_map, tiles, tile_px=size, chosen=chosen)
     background, side = _shrink(picture.image, road_map.codes.shape)
     goal = _goals(rides.levels, tiles.lane_offset)[index]
+    # The frames are drawn later, when the caller may have written to its arrays.
+    rides = jax.tree.map(frozen_copy, rides)
     return _draw_frames(rides, index, scene, background, side, goal)
 
 

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
-from elitelanes_jax._util.checks import check_named, file_named, is_folder, is_real, is_whole, path
+from elitelanes_jax._util.checks import (
+    check_named,
+    file_named,
+    frozen_copy,
+    is_folder,
+    is_real,
+    is_whole,
+    path,
+)
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
 from elitelanes_jax._util.progress import announce_at_end
@@ -80,9 +88,8 @@ class RoadMap:
 
     def __post_init__(self) -> None:
         """Checks all fields; raises `InputError`."""
-        codes = np.array(known_grid(self.codes))
         # A change of the codes would contradict the metrics.
-        codes.flags.writeable = False
+        codes = frozen_copy(known_grid(self.codes))
         height, width = codes.shape
         fields: dict[str, UserValue] = {"codes": codes}
         # Every field becomes a plain value, so a map made in Python equals the map that its file

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from elitelanes_jax._util.checks import Check, is_whole
+from elitelanes_jax._util.checks import Check, frozen_copy, is_whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Option, Record, option
 from elitelanes_jax._util.types import Numeric, UserValue
@@ -52,7 +52,7 @@ def number_or_array(check: Check, each: Check | None = None, *, whole: bool = Fa
             numbers = np.asarray(jax.device_get(value))
             check_each(_number(numbers.min()))
             check_each(_number(numbers.max()))
-        return value
+        return frozen_copy(value)
 
     return check_value
 

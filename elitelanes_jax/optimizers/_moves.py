@@ -21,6 +21,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import (
     LARGEST,
     check_named,
+    frozen_copy,
     function_of,
     none_or,
     one_of,
@@ -235,6 +236,7 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
     If cells may stay empty, this leads from a network with dead ends to a near network without.
     Single moves find it slowly.
     """
+    fixed = frozen_copy(fixed)
 
     @runs_jax
     @divide_batches

@@ -16,6 +16,7 @@ from elitelanes_jax._util.checks import (
     check_named,
     check_unique,
     flag,
+    frozen_copy,
     function,
     function_of,
     listed,
@@ -113,6 +114,8 @@ class Problem:
             _check_axes_are_features(axes, names)
 
         fields: dict[str, UserValue] = {
+            "initial": _copy_of(self.initial),
+            "fixed": _copy_of(self.fixed),
             "shape": shape,
             "alphabet": alphabet,
             "axes": axes,
@@ -245,6 +248,11 @@ def _check_axes_are_features(axes: tuple[Axis, ...], names: tuple[str, ...]) -> 
             hint = suggest(axis.metric, known)
             expected = f"features of the problem, {', '.join(names)}"
             raise InputError(f"axes: expected {expected}, got {axis.metric}{hint}")
+
+
+def _copy_of(array: UserValue) -> UserValue:
+    """Returns an array, or rows of numbers, as a copy; an array of JAX or None unchanged."""
+    return array if array is None or isinstance(array, jax.Array) else frozen_copy(np.array(array))
 
 
 def _no_penalties(features: Int32[Array, "... F"]) -> Int32[Array, "..."]:

@@ -15,7 +15,15 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, flag, instance, listed
+from elitelanes_jax._util.checks import (
+    LARGEST,
+    check_named,
+    check_unique,
+    flag,
+    frozen_copy,
+    instance,
+    listed,
+)
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, UserValue
@@ -203,9 +211,9 @@ def road_problem(
         measured=measured,
         kernels=tuple(kernels.items()),
         fitness=fitness,
-        weights=weights,
-        limits=limits,
-        feature_weights=feature_weights,
+        weights=Weights._make(map(frozen_copy, weights)),
+        limits=frozen_copy(limits),
+        feature_weights=frozen_copy(feature_weights),
         initial=initial,
     )
     return make_problem(road)

@@ -29,7 +29,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, is_folder, is_real, path, path_exists, whole
+from elitelanes_jax._util.checks import (
+    check_named,
+    frozen_copy,
+    is_folder,
+    is_real,
+    path,
+    path_exists,
+    whole,
+)
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain, UserValue
@@ -77,6 +85,12 @@ class ObjectPictures:
     tag: tuple[float, float] | None
     views: Mapping[int, NDArray[np.uint8]]
     top: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Copies the pictures, see `frozen_copy`."""
+        views = {angle: frozen_copy(view) for angle, view in self.views.items()}
+        object.__setattr__(self, "views", views)
+        object.__setattr__(self, "top", frozen_copy(self.top))
 
     def view(self, angle: float) -> NDArray[np.uint8]:
         """Returns the view that is nearest to an angle.

@@ -28,7 +28,14 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, is_folder, is_real, path, path_exists
+from elitelanes_jax._util.checks import (
+    check_named,
+    frozen_copy,
+    is_folder,
+    is_real,
+    path,
+    path_exists,
+)
 from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain
@@ -113,6 +120,11 @@ class TileSet:
     blend: bool = False
     lane_offset: float = LANE_OFFSET
     lane_offset_spread: float | None = None
+
+    def __post_init__(self) -> None:
+        """Copies the pictures and masks, see `frozen_copy`."""
+        tiles = tuple(Tile._make(map(frozen_copy, tile)) for tile in self.tiles)
+        object.__setattr__(self, "tiles", tiles)
 
     @cached_property
     def pictures(self) -> tuple[Tile, ...]:
