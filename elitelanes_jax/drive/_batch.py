@@ -6,7 +6,7 @@ the seed of environment i.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from operator import itemgetter
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, is_whole, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition
@@ -162,10 +162,25 @@ def action_space(environment: Environment, spaces: Untyped) -> Untyped:
 
 def observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
     """Returns the space of observations of a flattened environment, from a module with `Box`."""
-    observation, _ = jax.eval_shape(lambda: environment.reset(jax.random.key(0), params))
+    observation = _observation_shape(environment, params)
     if observation.dtype == jnp.uint8:
         return spaces.Box(0, 255, observation.shape, np.uint8)
     return spaces.Box(-np.inf, np.inf, observation.shape)
+
+
+def _observation_shape(environment: Environment, params: Pytree) -> jax.ShapeDtypeStruct:
+    observation, _ = jax.eval_shape(lambda: environment.reset(jax.random.key(0), params))
+    return observation
+
+
+def read_options(options: UserValue, *known: str) -> Mapping[str, UserValue]:
+    """Returns the options of a reset, a dictionary with some of the known names, or None."""
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise InputError(f"options: expected a dictionary, got {shorten(repr(options))}")
+    check_names(map(str, options), known)
+    return options
 
 
 class Outcome(NamedTuple):
@@ -231,8 +246,9 @@ class Batch:
         """
         self.envs = check_named("envs", whole(1), envs)
         self.environment = flattened(environment, channels_first=channels_first)
+        self.params = params
         # Puts the numbers on the device once, because each would be transferred in every step.
-        self.params = jax.device_put(params)
+        self._device_params = jax.device_put(params)
         self._action = _action_shape(self.environment)
         self._mode = mode
         # The environments that have been reset.
@@ -240,7 +256,7 @@ class Batch:
         # XLA simplifies a batch of one row to other arithmetic, with other last bits. Therefore
         # there are at least two.
         self._rows = max(self.envs, 2)
-        states, result = _shapes(self.environment, self.params, self._rows)
+        states, result = _shapes(self.environment, self._device_params, self._rows)
         self._states = _Layout.of(states)
         reward, terminated, truncated, _ = result
         if any(leaf.shape != (self._rows,) for leaf in (reward, terminated, truncated)):
@@ -259,8 +275,33 @@ class Batch:
         )
 
     @runs_jax
+    def replace_params(self, params: Pytree) -> None:
+        """Replaces the options.
+
+        The next step uses them. An episode that has begun stays on its level, and later resets
+        draw from the new levels.
+
+        Raises:
+          InputError: for another type, or if a state or an observation would have another shape.
+        """
+        check_named("params", instance(type(self.params)), params)
+        device_params = jax.device_put(params)
+        if _forms(self.environment, device_params, self._rows) != _forms(
+            self.environment, self._device_params, self._rows
+        ):
+            raise InputError(
+                "params: expected maps of the same size, the same camera, and objects only if the "
+                "former levels have them, got other shapes of states or observations; make a "
+                "second environment"
+            )
+        self.params, self._device_params = params, device_params
+
+    @runs_jax
     def reset(
-        self, seeds: Sequence[UserValue] | None = None, chosen: NDArray[np.bool_] | None = None
+        self,
+        seeds: Sequence[UserValue] | None = None,
+        chosen: NDArray[np.bool_] | None = None,
+        levels: Sequence[UserValue] | None = None,
     ) -> np.ndarray:
         """Starts episodes in the chosen environments, by default in all.
 
@@ -270,10 +311,13 @@ class Batch:
           seeds: the seed of each environment, or None to go on with its keys. At first the keys are
             random.
           chosen: bool ``[N]``.
+          levels: the index of the level of each environment in ``params.levels``, or None where it
+            is drawn.
 
         Raises:
-          InputError: for seeds out of range, or fewer or more of them.
+          InputError: for seeds or levels out of range, or fewer or more of them.
         """
+        indices = self._check_levels(levels)
         if chosen is None:
             chosen = np.ones(self.envs, bool)
         if seeds is not None:
@@ -281,10 +325,23 @@ class Batch:
         # A single environment has two rows, which both get its values.
         chosen_rows = np.resize(chosen, self._rows)
         self._carry, observation = _reset(
-            self._carry, chosen_rows, self.params, environment=self.environment
+            self._carry, chosen_rows, indices, self._device_params, environment=self.environment
         )
         self._begun = self._begun | chosen
         return _writable(observation)[: self.envs]
+
+    def _check_levels(self, levels: Sequence[UserValue] | None) -> NDArray[np.int32] | None:
+        """Returns the index of the level of each row, -1 where it is drawn; None if all are."""
+        if levels is None or all(level is None for level in levels):
+            return None
+        if len(levels) != self.envs:
+            expected = f"the index of a level, or {self.envs} of them"
+            raise InputError(f"level: expected {expected}, got {shorten(repr(levels))}")
+        check_index = whole(0, len(self.params.levels.grid) - 1)
+        indices = [
+            -1 if level is None else check_named("level", check_index, level) for level in levels
+        ]
+        return np.resize(np.array(indices, np.int32), self._rows)
 
     def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:
         """Starts the streams of keys of the chosen environments that have a seed."""
@@ -316,7 +373,7 @@ class Batch:
         self._carry, self._observations, self._packed_result = _step(
             self._carry,
             array,
-            self.params,
+            self._device_params,
             environment=self.environment,
             mode=self._mode,
         )
@@ -360,7 +417,7 @@ class Batch:
         `spaces` is a module of spaces.
         """
         actions = action_space(self.environment, spaces)
-        observations = observation_space(self.environment, self.params, spaces)
+        observations = observation_space(self.environment, self._device_params, spaces)
         return actions, observations
 
     def _check_begun(self, name: str) -> None:
@@ -421,22 +478,34 @@ def _shapes(environment: Environment, params: Pytree, envs: int) -> tuple[Pytree
     return jax.eval_shape(jax.vmap(step), keys)
 
 
+def _forms(environment: Environment, params: Pytree, envs: int) -> Pytree:
+    """Returns what must not change with the options: a structure, and its shapes and dtypes."""
+    observation = _observation_shape(environment, params)
+    leaves, structure = jax.tree.flatten((observation, _shapes(environment, params, envs)))
+    return structure, [(leaf.shape, leaf.dtype) for leaf in leaves]
+
+
 def _result(transition: Transition) -> Pytree:
     return transition.reward, transition.terminated, transition.truncated, transition.info
 
 
 @partial(jax.jit, static_argnames="environment", donate_argnames="carry")
 def _reset(
-    carry: _Carry, chosen: Array, params: Pytree, *, environment: Environment
+    carry: _Carry,
+    chosen: Array,
+    levels: Array | None,
+    params: Pytree,
+    *,
+    environment: Environment,
 ) -> tuple[_Carry, Array]:
-    """Starts new episodes in the chosen environments.
+    """Starts new episodes in the chosen environments, on levels as `_check_levels` returns them.
 
     Returns the carry and the observations of all environments.
     """
     state_shapes, _ = _shapes(environment, params, len(chosen))
     layout = _Layout.of(state_shapes)
     keys, later_streams = _next_keys(carry.streams)
-    states = _renew(environment, chosen, keys, layout.unpack(carry.state), params)
+    states = _renew(environment, chosen, keys, layout.unpack(carry.state), params, levels)
     # A key is used up only where an episode begins.
     streams = jnp.where(chosen[:, None], later_streams, carry.streams)
     observation = jax.vmap(environment.observe, (0, None))(states, params)
@@ -493,19 +562,36 @@ def _zero_where(condition: Bool[Array, " N"], array: Array) -> Array:
 
 
 def _renew(
-    environment: Environment, chosen: Array, keys: Array, state: Pytree, params: Pytree
+    environment: Environment,
+    chosen: Array,
+    keys: Array,
+    state: Pytree,
+    params: Pytree,
+    levels: Array | None = None,
 ) -> Pytree:
     """Returns the states of new episodes for the chosen environments.
 
-    The states of all other environments are returned as they are.
+    The states of all other environments are returned as they are. `levels` is as `_check_levels`
+    returns it.
     """
 
     def renew() -> Pytree:
         _, first = jax.vmap(environment.reset, (0, None))(keys, params)
-        return jax.tree.map(lambda new, old: jax.vmap(jnp.where)(chosen, new, old), first, state)
+        if levels is not None:
+            named = jax.tree.map(lambda part: part[jnp.maximum(levels, 0)], params.levels)
+            _, on_named = jax.vmap(environment.reset_to_level, (0, 0, None))(keys, named, params)
+            first = _choose(levels >= 0, on_named, first)
+        return _choose(chosen, first, state)
 
     # A step of 256 `LaneDrive` takes a fifth less time if no episode begins.
     return jax.lax.cond(chosen.any(), renew, lambda: state)
+
+
+def _choose(condition: Bool[Array, " N"], chosen: Pytree, others: Pytree) -> Pytree:
+    """Returns the first states where the condition is true, and the others elsewhere."""
+    return jax.tree.map(
+        lambda one, other: jax.vmap(jnp.where)(condition, one, other), chosen, others
+    )
 
 
 def _to_streams(seeds: NDArray[np.uint64]) -> NDArray[np.uint32]:
@@ -585,6 +671,35 @@ class _Layout(NamedTuple):
                 dtype, index = row
                 leaves.append(stacks[dtype][index])
         return self.structure.unflatten(leaves)
+
+
+class HasParams:
+    """The options of a wrapper, which the caller may replace, see `Batch.replace_params`."""
+
+    _batch: Batch
+
+    @property
+    def params(self) -> Pytree:
+        return self._batch.params
+
+    @params.setter
+    def params(self, params: Pytree) -> None:
+        self._batch.replace_params(params)
+
+    def __setattr__(self, name: str, value: UserValue) -> None:
+        # An attribute of this name would change nothing.
+        if "_batch" in vars(self) and name in self.params.options():
+            raise InputError(
+                f"{name}: expected it in params, as env.params = env.params.replace({name}=...), "
+                "got an attribute"
+            )
+        super().__setattr__(name, value)
+
+    def check_settable(self, name: UserValue) -> None:
+        """Checks a name that `set_attr` got."""
+        if name != "params":
+            got = shorten(repr(name))
+            raise InputError(f"set_attr: expected params, the only attribute to set, got {got}")
 
 
 class _Memory:

@@ -5,7 +5,7 @@ argument.
 """
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,11 @@ from elitelanes_jax.drive._batch import (
     NEXT_STEP,
     SAME_STEP,
     Batch,
+    HasParams,
     Outcome,
     check_module,
     check_render,
+    read_options,
 )
 from elitelanes_jax.drive._environment import Environment
 
@@ -45,6 +47,10 @@ def gymnasium_vector_env(
     `next_observations` has the observations after the last actions, before any reset in the same
     step.
 
+    ``reset(options={"level": 3})`` starts all environments on the level with index 3 of
+    ``params.levels``, and a list has an index or None for each. The attribute `params` may be
+    replaced, also by ``set_attr("params", other)``. Later resets draw from the new levels.
+
     Args:
       environment: `RoadNav` or `LaneDrive`.
       params: its options.
@@ -65,7 +71,7 @@ def gymnasium_vector_env(
     batch, draw = Batch(environment, params, envs, mode), render
     batch_space = gymnasium.vector.utils.batch_space
 
-    class VectorEnv(gymnasium.vector.VectorEnv):
+    class VectorEnv(HasParams, gymnasium.vector.VectorEnv):
         """The environments."""
 
         def __init__(self) -> None:
@@ -84,12 +90,14 @@ def gymnasium_vector_env(
         def reset(
             self, *, seed: UserValue = None, options: UserValue = None
         ) -> tuple[np.ndarray, dict[str, Untyped]]:
-            chosen = _check_mask(options, batch.envs)
+            named = read_options(options, "level", "reset_mask")
+            chosen = _check_mask(named.get("reset_mask"), batch.envs)
+            levels = _list_levels(named.get("level"), batch.envs)
             if is_whole(seed):
-                observation = self._batch.reset(_list_seeds(seed, batch.envs), chosen)
+                observation = self._batch.reset(_list_seeds(seed, batch.envs), chosen, levels)
                 super().reset(seed=int(seed))
             else:
-                observation = self._batch.reset(seed, chosen)
+                observation = self._batch.reset(seed, chosen, levels)
             self._over = self._over & ~chosen
             return observation, {}
 
@@ -121,6 +129,19 @@ def gymnasium_vector_env(
                 else tuple(np.asarray(draw(state)) for state in self._batch.states("render"))
             )
 
+        def get_attr(self, name: str) -> tuple[UserValue, ...]:
+            return (getattr(self, name),) * batch.envs
+
+        def set_attr(self, name: str, values: UserValue) -> None:
+            self.check_settable(name)
+            each = values if isinstance(values, list | tuple) else [values]
+            if not each or any(value is not each[0] for value in each):
+                raise InputError(
+                    "set_attr: expected one params, which all environments share, "
+                    f"got {len(each)} of them"
+                )
+            self.params = each[0]
+
     return VectorEnv()
 
 
@@ -133,11 +154,15 @@ def _list_seeds(first: UserValue, envs: int) -> range:
     return range(start, start + envs)
 
 
-def _check_mask(options: UserValue, envs: int) -> NDArray[np.bool_]:
+def _list_levels(level: UserValue, envs: int) -> Sequence[UserValue]:
+    """Returns the level of each environment: a list of them, or one for all."""
+    if isinstance(level, list | tuple) or np.ndim(level) == 1:
+        return list(level)
+    return [level] * envs
+
+
+def _check_mask(mask: UserValue, envs: int) -> NDArray[np.bool_]:
     """Returns the environments that a reset starts anew, bool ``[N]``."""
-    if options is not None and not isinstance(options, Mapping):
-        raise InputError(f"options: expected a dictionary, got {shorten(repr(options))}")
-    mask = (options or {}).get("reset_mask")
     if mask is None:
         return np.ones(envs, bool)
     if (
@@ -204,6 +229,10 @@ def sb3_vec_env(
     of Stable-Baselines3, "TimeLimit.truncated" and "terminal_observation". The attribute `metrics`
     has the metrics of every step by name, each ``[N]``.
 
+    ``set_options({"level": 3})`` starts the next reset on the level with index 3 of
+    ``params.levels``. ``set_attr("params", other)`` replaces the options of all environments. Later
+    resets draw from the new levels.
+
     Args:
       environment: `RoadNav` or `LaneDrive`.
       params: its options.
@@ -222,7 +251,7 @@ def sb3_vec_env(
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
     draw = render
 
-    class VecEnv(base.VecEnv):
+    class VecEnv(HasParams, base.VecEnv):
         """The environments."""
 
         render_mode = None if draw is None else "rgb_array"
@@ -230,12 +259,12 @@ def sb3_vec_env(
         def __init__(self) -> None:
             # An attribute is copied with the environment, so a deep copy has states of its own.
             self._batch = batch
-            self._attributes: dict[str, list[UserValue]] = {}
             action_space, observation_space = batch.spaces(base.spaces)
             super().__init__(batch.envs, observation_space, action_space)
 
         def reset(self) -> np.ndarray:
-            observation = self._batch.reset(self._seeds)
+            levels = [read_options(options, "level").get("level") for options in self._options]
+            observation = self._batch.reset(self._seeds, levels=levels)
             # Stable-Baselines3 uses seeds and options for one reset only.
             self._reset_seeds()
             self._reset_options()
@@ -262,19 +291,18 @@ def sb3_vec_env(
             return [np.asarray(draw(state)) for state in self._batch.states("render")]
 
         def get_attr(self, attr_name: str, indices: UserValue = None) -> list[UserValue]:
-            # The environments are one object. Values that were set for single ones are kept in
-            # lists.
-            values = self._attributes.get(attr_name)
-            if values is None:
-                values = [getattr(self, attr_name)] * batch.envs
-            return [values[index] for index in self._get_indices(indices)]
+            # The environments are one object.
+            value = getattr(self, attr_name)
+            return [value for _ in self._get_indices(indices)]
 
         def set_attr(self, attr_name: str, value: UserValue, indices: UserValue = None) -> None:
-            values = self._attributes.setdefault(
-                attr_name, [getattr(self, attr_name, None)] * batch.envs
-            )
-            for index in self._get_indices(indices):
-                values[index] = value
+            self.check_settable(attr_name)
+            chosen = set(self._get_indices(indices))
+            if chosen != set(range(batch.envs)):
+                raise InputError(
+                    f"indices: expected all environments, which share params, got {sorted(chosen)}"
+                )
+            self.params = value
 
         def env_method(
             self,
@@ -324,7 +352,8 @@ def puffer_env(
 
     Pictures are ``[3, rows, columns]``. ``pufferlib.vector.make`` calls it: `buf` and `seed` are
     for that. The infos of a step are a list with the means of the metrics of the episodes that
-    ended, or an empty list.
+    ended, or an empty list. The attribute `params` may be replaced. Later resets draw from the new
+    levels.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
@@ -341,7 +370,7 @@ def puffer_env(
     start = check_named("seed", SEED, seed)
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
 
-    class PufferEnv(pufferlib.PufferEnv):
+    class PufferEnv(HasParams, pufferlib.PufferEnv):
         """The environments."""
 
         single_action_space, single_observation_space = batch.spaces(

@@ -21,12 +21,14 @@ from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import (
     DISABLED,
     Batch,
+    HasParams,
     action_space,
     check_module,
     check_render,
     flattened,
     observation_space,
     read_actions,
+    read_options,
 )
 from elitelanes_jax.drive._environment import Environment, auto_reset
 from elitelanes_jax.drive._lane_drive import LaneDrive
@@ -107,6 +109,17 @@ class GymnaxEnv:
         self.name = type(params).__name__.removesuffix("Params")
         self.num_actions = environment.actions or environment.action_size
 
+    def __setattr__(self, name: str, value: UserValue) -> None:
+        """Sets an attribute; raises `InputError` for options, which would change nothing."""
+        options = {"params"}
+        if "default_params" in vars(self):
+            options |= self.default_params.options().keys()
+        if name in options:
+            raise InputError(
+                f"{name}: expected it in the argument params of reset and step, got an attribute"
+            )
+        super().__setattr__(name, value)
+
     @runs_jax
     def reset(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
         """Starts an episode on a level drawn from the parameters: (observation, state)."""
@@ -167,6 +180,9 @@ def gymnasium_env(
 ) -> Untyped:
     """Makes an environment of Gymnasium for programs without JAX: its arrays are NumPy's.
 
+    ``reset(options={"level": 3})`` starts on the level with index 3 of ``params.levels``. The
+    attribute `params` may be replaced. Later resets draw from the new levels.
+
     Args:
       environment: `RoadNav` or `LaneDrive`.
       params: its options.
@@ -182,7 +198,7 @@ def gymnasium_env(
     # Gymnasium's environments do not reset by themselves.
     batch, draw = Batch(environment, params, 1, DISABLED), render
 
-    class Env(gymnasium.Env):
+    class Env(HasParams, gymnasium.Env):
         """The environment."""
 
         metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
@@ -196,7 +212,8 @@ def gymnasium_env(
         def reset(
             self, *, seed: int | None = None, options: Untyped = None
         ) -> tuple[Pytree, dict[str, Untyped]]:
-            observation = self._batch.reset([seed])[0]
+            level = read_options(options, "level").get("level")
+            observation = self._batch.reset([seed], levels=[level])[0]
             # Gymnasium takes no number of NumPy.
             super().reset(seed=None if seed is None else int(seed))
             return observation, {}

@@ -81,6 +81,49 @@ def test_a_batch_is_a_loop_over_environments(mode):
     assert ends > 10
 
 
+@pytest.mark.parametrize(("environment", "params"), [(RoadNav, PARAMS), (LaneDrive, LaneDriveParams(LEVELS))])
+def test_a_reset_to_levels_is_reset_to_level_with_the_same_key(environment, params):
+    batch, flat = Batch(environment, params, 3, DISABLED), flattened(environment)
+    seen = batch.reset([7, 0, 9], levels=[3, None, np.int64(15)])
+    for index, (seed, level) in enumerate([(7, 3), (0, None), (9, 15)]):
+        key = jax.random.fold_in(seed_key(seed), 0)
+        expected, _ = flat.reset(key, params)
+        if level is not None:
+            expected, _ = flat.reset_to_level(key, jax.tree.map(lambda part, at=level: part[at], LEVELS), params)
+        np.testing.assert_array_equal(seen[index], expected)
+    for levels, message in (
+        ([16] * 3, "level: expected a whole number, 0 to 15, got 16"),
+        ([-1] * 3, "level: expected a whole number, 0 to 15, got -1"),
+        ([1, 2], r"level: expected the index of a level, or 3 of them, got \[1, 2\]"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}$"):
+            batch.reset(levels=levels)
+
+
+@pytest.mark.parametrize("mode", [NEXT_STEP, SAME_STEP, DISABLED])
+def test_replaced_params_are_those_of_later_resets(mode):
+    other = PARAMS.replace(levels=jax.tree.map(lambda part: part[:5], LEVELS), limit=2)
+    changed, new = Batch(RoadNav, PARAMS, 4, mode), Batch(RoadNav, other, 4, mode)
+    changed.reset([1, 2, 3, 4])
+    changed.replace_params(other)
+    assert changed.params is other
+    np.testing.assert_array_equal(changed.reset([5, 6, 7, 8]), new.reset([5, 6, 7, 8]))
+    for actions in np.random.default_rng(0).integers(0, 3, (8, 4)):
+        one, expected = changed.step(actions), new.step(actions)
+        jax.tree.map(np.testing.assert_array_equal, one, expected)
+
+
+def test_params_of_other_shapes_are_refused():
+    batch = Batch(RoadNav, PARAMS, 2, SAME_STEP)
+    larger = make_levels(jax.random.key(2), drawn_maps(1, 2, (5, 5), fill=True))
+    for other in (PARAMS.replace(levels=larger), PARAMS.replace(window=5), PARAMS.replace(goal="mark")):
+        with pytest.raises(InputError, match="^params: expected maps of the same size, "):
+            batch.replace_params(other)
+    with pytest.raises(InputError, match="^params: expected RoadNavParams, got LaneDriveParams"):
+        batch.replace_params(LaneDriveParams(LEVELS))
+    assert batch.params is PARAMS
+
+
 def test_an_environment_alone_does_the_same_bit_for_bit():
     params = LaneDriveParams(LEVELS, limit=20, task="lane")
     batch, alone = Batch(LaneDrive, params, 12, SAME_STEP), Batch(LaneDrive, params, 1, SAME_STEP)

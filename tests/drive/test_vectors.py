@@ -10,7 +10,13 @@ from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, load_tiles
 from elitelanes_jax.drive import Camera, LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_sight
-from elitelanes_jax.drive.interop import gymnasium_env, gymnasium_vector_env, puffer_env, sb3_vec_env
+from elitelanes_jax.drive.interop import (
+    GymnaxEnv,
+    gymnasium_env,
+    gymnasium_vector_env,
+    puffer_env,
+    sb3_vec_env,
+)
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
@@ -132,8 +138,7 @@ def test_stable_baselines3_trains_on_it(made, name):
             np.testing.assert_array_equal(seen[index], channels(after))
             assert vector.metrics["success"][index] == metrics["success"]
     assert vector.env_is_wrapped(gymnasium.Wrapper) == [False] * 3
-    vector.set_attr("note", 4, indices=[1])
-    assert vector.get_attr("note") == [None, 4, None] and not vector.has_attr("nothing")
+    assert vector.get_attr("params", [1]) == [chosen[1]] and not vector.has_attr("nothing")
     with pytest.raises(InputError, match="^method_name: expected render, the only method of one environment, got fly"):
         vector.env_method("fly")
     with warnings.catch_warnings():
@@ -172,6 +177,134 @@ def test_pufferlib_steps_it(made, name):
     puffer.close()
 
 
+def fake_modules():
+    """What our wrappers need of the other libraries."""
+    taker = type("Taker", (), {"__init__": lambda self, *anything: None})
+    spaces = SimpleNamespace(Discrete=lambda number: number, Box=lambda *limits: limits)
+    vector = SimpleNamespace(
+        AutoresetMode=str,
+        VectorEnv=type("VectorEnv", (), {"reset": lambda self, seed: None}),
+        utils=SimpleNamespace(batch_space=lambda space, envs: space),
+    )
+    env = type("Env", (), {"reset": lambda self, seed: None})
+    gymnasium = SimpleNamespace(Env=env, spaces=spaces, vector=vector)
+
+    class VecEnv:
+        def __init__(self, envs, *anything):
+            self.num_envs, self._seeds, self._options = envs, [None] * envs, [{}] * envs
+
+        def set_options(self, options):
+            self._options = [options] * self.num_envs if isinstance(options, dict) else options
+
+        def _reset_seeds(self):
+            self._seeds = [None] * self.num_envs
+
+        def _reset_options(self):
+            self._options = [{}] * self.num_envs
+
+        def _get_indices(self, indices):
+            return range(self.num_envs) if indices is None else indices
+
+    base = SimpleNamespace(VecEnv=VecEnv, spaces=spaces)
+    return SimpleNamespace(
+        gymnasium=gymnasium,
+        stable_baselines3=SimpleNamespace(
+            common=SimpleNamespace(vec_env=SimpleNamespace(base_vec_env=base, VecEnv=VecEnv))
+        ),
+        pufferlib=SimpleNamespace(PufferEnv=taker, emulation=SimpleNamespace(gymnasium=gymnasium)),
+        spaces=spaces,
+    )
+
+
+def level_indices(env):
+    """Returns for each environment the indices of the levels that it may be on, by its map."""
+    grids = np.asarray(env.params.levels.grid)
+    return [{*np.flatnonzero((grids == state.grid).all((1, 2)))} for state in env._batch.states("states")]
+
+
+@pytest.fixture(params=["fake", "real"])
+def libraries(request):
+    if request.param == "fake":
+        return fake_modules()
+    modules = {name: pytest.importorskip(name) for name in ("gymnasium", "stable_baselines3")}
+    return SimpleNamespace(**modules)
+
+
+@pytest.mark.usefixtures("any_types")
+def test_a_curriculum_changes_levels(libraries):
+    params, few = RoadNavParams(LEVELS, limit=6, window=3), jax.tree.map(lambda part: part[7:9], LEVELS)
+    other = params.replace(levels=few)
+    alone = gymnasium_env(RoadNav, params, libraries.gymnasium)
+    vector = gymnasium_vector_env(RoadNav, params, libraries.gymnasium, envs=4)
+    envs = sb3_vec_env(RoadNav, params, libraries.stable_baselines3, envs=4)
+    for level in (3, 11):
+        alone.reset(options={"level": level})
+        vector.reset(options={"level": level})
+        envs.set_options({"level": level})
+        envs.reset()
+        for env in (alone, vector, envs):
+            assert all(level in found for found in level_indices(env))
+    vector.reset(options={"level": [0, 4, 8, 12]})
+    envs.set_options([{"level": level} for level in (0, 4, 8, 12)])
+    envs.reset()
+    for env in (vector, envs):
+        assert all(level in found for level, found in zip((0, 4, 8, 12), level_indices(env), strict=True))
+
+    alone.params = other
+    vector.set_attr("params", other)
+    envs.set_attr("params", other)
+    assert alone.params is other and vector.get_attr("params") == (other,) * 4
+    assert envs.get_attr("params") == [other] * 4
+    for _ in range(3):
+        # These resets draw levels, because options are for one reset.
+        for env in (alone, vector, envs):
+            env.reset()
+            assert all(found for found in level_indices(env))
+    with pytest.raises(InputError, match="^level: expected a whole number, 0 to 1, got 3$"):
+        alone.reset(options={"level": 3})
+
+
+@pytest.mark.usefixtures("any_types")
+def test_what_would_change_nothing_is_refused(libraries):
+    params = RoadNavParams(LEVELS, limit=6, window=3)
+    alone = gymnasium_env(RoadNav, params, libraries.gymnasium)
+    vector = gymnasium_vector_env(RoadNav, params, libraries.gymnasium, envs=4)
+    envs = sb3_vec_env(RoadNav, params, libraries.stable_baselines3, envs=4)
+    fakes = fake_modules()
+    puffer = puffer_env(RoadNav, params, fakes.pufferlib, envs=2)
+    gymnax = GymnaxEnv(RoadNav, params, fakes.spaces)
+
+    def sb3_reset(options):
+        envs.set_options(options)
+        try:
+            envs.reset()
+        finally:
+            envs.set_options({})
+
+    for call, message in (
+        (lambda: alone.reset(options={"levl": 3}), "levl: expected one of level, got 'levl'"),
+        (lambda: alone.reset(options={"reset_mask": 3}), "reset_mask: expected one of level, got 'reset_mask'"),
+        (lambda: alone.reset(options={"level": "3x"}), "level: expected a whole number, 0 to 15, got '3x'"),
+        (lambda: vector.reset(options={"seed": 3}), "seed: expected one of level, reset_mask, got 'seed'"),
+        (lambda: vector.reset(options={"level": [1]}), "level: expected the index of a level, or 4 of them"),
+        (lambda: sb3_reset({"levels": 3}), "levels: expected one of level, got 'levels'"),
+        (lambda: envs.set_attr("limit", 4), "set_attr: expected params, the only attribute to set, got 'limit'"),
+        (lambda: vector.set_attr("levels", 4), "set_attr: expected params, the only attribute to set, got 'levels'"),
+        (lambda: envs.set_attr("params", params, [1]), "indices: expected all environments, which share params"),
+        (lambda: vector.set_attr("params", [params, params.replace(limit=3)]), "set_attr: expected one params, "),
+        (lambda: envs.set_attr("params", LEVELS), "params: expected RoadNavParams, got "),
+        (lambda: setattr(puffer, "params", None), "params: expected RoadNavParams, got None"),
+        (lambda: setattr(gymnax, "params", params), "params: expected it in the argument params of reset and step"),
+        (lambda: setattr(gymnax, "limit", 3), "limit: expected it in the argument params of reset and step"),
+        *(
+            (lambda env=env: setattr(env, "levels", LEVELS), "levels: expected it in params, as env.params = ")
+            for env in (alone, vector, envs, puffer)
+        ),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            call()
+
+
 def test_what_is_wrong_is_named():
     params = RoadNavParams(LEVELS)
     for wrap, message in (
@@ -185,15 +318,11 @@ def test_what_is_wrong_is_named():
 
 @pytest.mark.usefixtures("any_types")
 def test_a_mode_of_gymnasium_is_no_function_that_draws():
-    params, base = RoadNavParams(LEVELS), SimpleNamespace(VecEnv=object)
-    gymnasium = SimpleNamespace(Env=object, vector=SimpleNamespace(AutoresetMode=str))
-    stable_baselines3 = SimpleNamespace(
-        common=SimpleNamespace(vec_env=SimpleNamespace(base_vec_env=base, VecEnv=object))
-    )
+    params, fakes = RoadNavParams(LEVELS), fake_modules()
     for wrap, module in (
-        (gymnasium_env, gymnasium),
-        (gymnasium_vector_env, gymnasium),
-        (sb3_vec_env, stable_baselines3),
+        (gymnasium_env, fakes.gymnasium),
+        (gymnasium_vector_env, fakes.gymnasium),
+        (sb3_vec_env, fakes.stable_baselines3),
     ):
         with pytest.raises(InputError, match="^render: expected a function that takes a state .* got 'human'"):
             wrap(RoadNav, params, module, render="human")
@@ -202,12 +331,7 @@ def test_a_mode_of_gymnasium_is_no_function_that_draws():
 @pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize("seed", ["3", 1.5, True, [3]])
 def test_a_seed_of_pufferlib_is_a_whole_number(seed):
-    spaces = SimpleNamespace(Discrete=lambda number: number, Box=lambda *limits: limits)
-    pufferlib = SimpleNamespace(
-        PufferEnv=type("PufferEnv", (), {"__init__": lambda self, buf: None}),
-        emulation=SimpleNamespace(gymnasium=SimpleNamespace(spaces=spaces)),
-    )
-    env = puffer_env(RoadNav, RoadNavParams(LEVELS), pufferlib, envs=2)
+    env = puffer_env(RoadNav, RoadNavParams(LEVELS), fake_modules().pufferlib, envs=2)
     with pytest.raises(InputError, match="^seed: expected a whole number, got "):
         env.reset(seed=seed)
 
