@@ -14,8 +14,9 @@ from conftest import ALL_SHAPES, grids
 from hypothesis import given, settings
 from oracle import measure as oracle
 
-from elitelanes_jax import Axis, InputError, repair
+from elitelanes_jax import Axis, InputError, evolve, repair
 from elitelanes_jax.plots import archive_map, history, road_map, seed_band
+from elitelanes_jax.problem import qd_score
 from elitelanes_jax.problem.descriptor import niche_index, paper_axes
 from elitelanes_jax.search import History
 
@@ -275,3 +276,15 @@ def test_each_program_of_the_page_runs_by_itself(number, tmp_path, monkeypatch):
     exec(compile(programs[number], "plots.md", "exec"), {})
     written = ["map.svg", "archive.png", "turns.png", "runs.png"]
     assert [file.name for file in tmp_path.iterdir()] == [written[number]]
+
+
+@pytest.mark.slow
+def test_the_score_of_the_page_puts_every_run_of_the_better_preset_above_the_other():
+    worst = int(re.search(r"worst=(\d+)\)", PAGE)[1])
+    scores = {}
+    for preset in ("standard", "tuned"):
+        elites = evolve(0, (6, 6), seeds=8, preset=preset, evaluations=20_000).elites
+        scores[preset] = qd_score(elites.fitness, elites.valid, worst=worst)
+        (row,) = re.findall(rf"\| {worst} \| (\d+) \| (\d+) \|", PAGE)
+        assert int(row[preset == "tuned"]) == np.median(scores[preset])
+    assert scores["standard"].max() < scores["tuned"].min()

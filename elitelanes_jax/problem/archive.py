@@ -167,8 +167,9 @@ def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.flo
     """Returns the sum over all elites of worst - fitness, if positive; float ``[...]``.
 
     `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool
-    ``[..., N]``. NumPy computes it, therefore call it outside `jax.jit`. Source: Pugh, Soros and
-    Stanley, "Quality diversity", 2016.
+    ``[..., N]``. The larger `worst` is, the more the score only counts elites: with the default
+    weights take 0, which a map without faults does not exceed. NumPy computes it, therefore call it
+    outside `jax.jit`. Source: Pugh, Soros and Stanley, "Quality diversity", 2016.
     """
     return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
 
