@@ -32,8 +32,17 @@ def add_drive(commands: Commands) -> None:
         default="route",
         metavar="NAME|FILE.py",
         help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at "
-        "random; or a file of Python with a function act(observation) that returns the commands of "
-        "both wheels; by default route",
+        "random; or a file of Python with a function act(observation) that returns two numbers, "
+        "-1 to 1; by default route",
+    )
+    command.add_argument(
+        "--action",
+        dest="commands",
+        type=checked_by(one_of("wheels", "twist")),
+        default="wheels",
+        metavar="NAME",
+        help="what the numbers of a policy are: wheels, the commands of the left and the right "
+        "wheel, or twist, the speed and the turn; by default wheels",
     )
     command.add_argument(
         "--rides",
@@ -97,8 +106,15 @@ def _drive(options: argparse.Namespace) -> int:
         chosen = recall_choice(road_map, tiles)
         if chosen is None:
             chosen = choose_tiles(road_map.codes, tiles)
-        settings = {"policy": policy, "seconds": options.seconds, "seed": options.seed}
-        rides = make_rides(road_map.codes, rides_shown, tiles=tiles, **settings)
+        rides = make_rides(
+            road_map.codes,
+            rides_shown,
+            policy=policy,
+            action=options.commands,
+            seconds=options.seconds,
+            seed=options.seed,
+            tiles=tiles,
+        )
     except InputError as error:
         # The messages name the policy, or say what is wrong with the map without its file.
         message = str(error)

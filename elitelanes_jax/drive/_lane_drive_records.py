@@ -168,7 +168,7 @@ class LaneDriveInfo(NamedTuple):
       off_road: bool, the robot has left the road, or its lane ends at a dead end.
       own_lane: bool, the middle between the wheels is within the own lane.
       oncoming: bool, the middle between the wheels is beyond the road's middle.
-      tiles: int32, entered so far.
+      tiles: int32, tiles entered so far, 0 on the first one.
       shortest: int32, tiles of a shortest way to the goal.
       spl: float32, success times shortest / tiles, at most 1.
       collision: bool, an object was touched; None without objects.

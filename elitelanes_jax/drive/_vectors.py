@@ -4,6 +4,8 @@ This module does not import these libraries. Each wrapper takes the module of it
 argument.
 """
 
+import inspect
+import multiprocessing
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 
@@ -26,6 +28,11 @@ from elitelanes_jax.drive._batch import (
     read_options,
 )
 from elitelanes_jax.drive._environment import Environment
+from elitelanes_jax.drive._library_types import (
+    GymnasiumVectorEnv,
+    PufferLibEnv,
+    StableBaselines3VecEnv,
+)
 
 _Render = Callable[[Pytree], NDArray[np.uint8]]
 
@@ -39,7 +46,7 @@ def gymnasium_vector_env(
     envs: int = 256,
     autoreset_mode: UserValue = NEXT_STEP,
     render: _Render | None = None,
-) -> Untyped:
+) -> GymnasiumVectorEnv:
     """Makes a `VectorEnv` of Gymnasium 1.1 or later, for programs without JAX.
 
     Its arrays are NumPy's. It does what Gymnasium's `SyncVectorEnv` of `envs` environments of
@@ -221,7 +228,7 @@ def sb3_vec_env(
     *,
     envs: int = 256,
     render: _Render | None = None,
-) -> Untyped:
+) -> StableBaselines3VecEnv:
     """Makes a `VecEnv` of Stable-Baselines3 2, for programs without JAX.
 
     Its arrays are NumPy's, and pictures are uint8 ``[3, rows, columns]``. The info of an
@@ -347,13 +354,13 @@ def puffer_env(
     envs: int = 256,
     buf: UserValue = None,
     seed: int = 0,
-) -> Untyped:
+) -> PufferLibEnv:
     """Makes a native environment of PufferLib 3, a `PufferEnv` of `envs` agents.
 
     Pictures are ``[3, rows, columns]``. ``pufferlib.vector.make`` calls it: `buf` and `seed` are
-    for that. The infos of a step are a list with the means of the metrics of the episodes that
-    ended, or an empty list. The attribute `params` may be replaced. Later resets draw from the new
-    levels.
+    for that. Its backend `Multiprocessing` needs the start method spawn. The infos of a step are a
+    list with the means of the metrics of the episodes that ended, or an empty list. The attribute
+    `params` may be replaced. Later resets draw from the new levels.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
@@ -364,9 +371,10 @@ def puffer_env(
       seed: the seed of a reset that gets no seed, 0 to 2**32 - 1.
 
     Raises:
-      InputError: for options out of their range, or another module.
+      InputError: for options out of their range, another module, or workers that would be forked.
     """
     check_module(params, pufferlib, "pufferlib", "pufferlib", "PufferEnv")
+    _check_workers(pufferlib)
     start = check_named("seed", SEED, seed)
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
 
@@ -408,3 +416,25 @@ def puffer_env(
             pass
 
     return PufferEnv()
+
+
+def _check_workers(pufferlib: Untyped) -> None:
+    """Checks that the workers of PufferLib's `Multiprocessing` are not forked.
+
+    `Multiprocessing` makes an environment before its workers. Each forked worker would then raise an
+    error, and `Multiprocessing` waits for its workers forever.
+    """
+    backend = getattr(getattr(pufferlib, "vector", None), "Multiprocessing", None)
+    # The first method is the default. Asking for the method itself would set it.
+    default, *_ = multiprocessing.get_all_start_methods()
+    method = multiprocessing.get_start_method(allow_none=True) or default
+    if backend is None or method != "fork":
+        return
+    frame = inspect.currentframe()
+    while frame is not None:
+        if isinstance(frame.f_locals.get("self"), backend):
+            raise InputError(
+                "Multiprocessing: expected workers that are spawned, got the start method fork, "
+                "with which JAX does not run; call multiprocessing.set_start_method('spawn')"
+            )
+        frame = frame.f_back

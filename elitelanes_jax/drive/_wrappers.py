@@ -6,6 +6,7 @@ argument.
 
 from collections.abc import Callable
 from types import SimpleNamespace
+from typing import Literal, overload
 
 import jax.numpy as jnp
 import numpy as np
@@ -34,6 +35,7 @@ from elitelanes_jax.drive._environment import Environment, auto_reset
 from elitelanes_jax.drive._lane_drive import LaneDrive
 from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
 from elitelanes_jax.drive._levels import check_maps, draw_levels
+from elitelanes_jax.drive._library_types import GymnasiumEnv
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.network.bits import seed_key
 
@@ -41,6 +43,34 @@ _ENVIRONMENTS: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams
     "RoadNav": (RoadNav, RoadNavParams),
     "LaneDrive": (LaneDrive, LaneDriveParams),
 }
+
+
+@overload
+def make(
+    name: Literal["RoadNav"],
+    maps: UserValue,
+    *,
+    count: int = ...,
+    seed: int = ...,
+    **settings: UserValue,
+) -> tuple[Environment, RoadNavParams]: ...
+
+
+@overload
+def make(
+    name: Literal["LaneDrive"],
+    maps: UserValue,
+    *,
+    count: int = ...,
+    seed: int = ...,
+    **settings: UserValue,
+) -> tuple[Environment, LaneDriveParams]: ...
+
+
+@overload
+def make(
+    name: str, maps: UserValue, *, count: int = ..., seed: int = ..., **settings: UserValue
+) -> tuple[Environment, RoadNavParams | LaneDriveParams]: ...
 
 
 @name_wrong_arguments
@@ -177,7 +207,7 @@ def gymnasium_env(
     gymnasium: Untyped,
     *,
     render: Callable[[Pytree], NDArray[np.uint8]] | None = None,
-) -> Untyped:
+) -> GymnasiumEnv:
     """Makes an environment of Gymnasium for programs without JAX: its arrays are NumPy's.
 
     ``reset(options={"level": 3})`` starts on the level with index 3 of ``params.levels``. The

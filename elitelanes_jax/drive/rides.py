@@ -51,8 +51,8 @@ POLICIES = ("route", "random")
 Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
 """Your own driver, which takes an observation in NumPy.
 
-It returns the commands of the left and the right wheel, -1 to 1. If it has an attribute `camera`, a
-`Camera`, it observes only this camera's picture.
+It returns two numbers, -1 to 1, see `make_rides`. If it has an attribute `camera`, a `Camera`, it
+observes only this camera's picture.
 """
 
 # The frames of a film per second, and the steps of `LaneDrive` per second.
@@ -129,6 +129,7 @@ def make_rides(
     count: int = 1,
     *,
     policy: str | Policy = "route",
+    action: str = "wheels",
     seconds: float = 60,
     seed: int = 0,
     tiles: TileSet | None = None,
@@ -141,7 +142,9 @@ def make_rides(
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       count: N, the number of rides.
       policy: "route", the expert; "random", a driver that turns its wheels at random; or your own
-        driver, a function from a `LaneDriveObservation` to the commands of both wheels, -1 to 1.
+        driver, a function from a `LaneDriveObservation` to two numbers, -1 to 1.
+      action: what the two numbers are: "wheels", the commands of the left and the right wheel, or
+        "twist", the speed and the turn, as in `LaneDriveParams.action`.
       seconds: the longest time of a ride, over 0, up to 86,400.
       seed: the seed of starts, goals and everything random, 0 to 2**32 - 1.
       tiles: whose lanes are driven, and that the camera of your own driver shows; by default the
@@ -166,7 +169,7 @@ def make_rides(
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
     # In a narrow lane the usual distance of the start from its centre would leave the lane.
     start_d = min(LaneDriveParams.start_d, lane_offset)
-    params = LaneDriveParams(levels, lane_offset=lane_offset, start_d=start_d)
+    params = LaneDriveParams(levels, action=action, lane_offset=lane_offset, start_d=start_d)
     # Without a camera the driver observes its lane, and no picture is rendered.
     camera = getattr(policy, "camera", None)
     if camera is not None:
@@ -264,7 +267,7 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
         raise InputError(f"policy: expected an action, got {_describe(error, file)}") from error
     if action.shape != (2,):
         raise InputError(
-            "policy: expected two numbers, for the left and the right wheel, "
+            "policy: expected two numbers, for both wheels or for speed and turn, "
             f"got shape {action.shape}"
         )
     if not np.isfinite(action).all():

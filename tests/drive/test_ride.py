@@ -234,7 +234,10 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
         ("1 / 0", "policy.py: expected a program that runs, got ZeroDivisionError: division by zero"),
         ("raise SystemExit(0)", "policy.py: expected a program that runs, got SystemExit: 0 (line 1 of"),
         ("def act(seen): exit()", "policy: expected an action, got SystemExit: None (line 1 of"),
-        ("def act(seen): return 1", "policy: expected two numbers, for the left and the right wheel, got shape ()"),
+        (
+            "def act(seen): return 1",
+            "policy: expected two numbers, for both wheels or for speed and turn, got shape ()",
+        ),
         ("def act(seen): return 0.5, float('nan')", "policy: expected two finite numbers, got 0.5 and nan"),
         ("def act(seen): return 0, 0\nact.camera = 3", "--policy: expected Camera, got 3"),
     ):

@@ -1,6 +1,10 @@
 """Batches in the interfaces of Gymnasium, Stable-Baselines3 and PufferLib, checked by the libraries that are there."""
 
+import re
+import subprocess
+import sys
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
 
 import jax
@@ -230,6 +234,20 @@ def libraries(request):
     return SimpleNamespace(**modules)
 
 
+@pytest.mark.slow
+def test_the_program_of_the_page_runs_in_workers_of_pufferlib(tmp_path):
+    pytest.importorskip("pufferlib.vector")
+    page = (Path(__file__).parents[2] / "docs" / "drive.md").read_text(encoding="utf-8")
+    (program,) = [text for text in re.findall(r"```py\n(.*?)```", page, re.DOTALL) if "Multiprocessing" in text]
+    for name, text, code, words in (
+        ("spawned.py", program, 0, "(512, "),
+        ("forked.py", program.replace('"spawn"', '"fork"'), 1, "InputError: Multiprocessing: expected workers "),
+    ):
+        (tmp_path / name).write_text(text)
+        done = subprocess.run([sys.executable, name], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+        assert done.returncode == code and words in done.stdout + done.stderr, done.stderr
+
+
 @pytest.mark.usefixtures("any_types")
 def test_a_curriculum_changes_levels(libraries):
     params, few = RoadNavParams(LEVELS, limit=6, window=3), jax.tree.map(lambda part: part[7:9], LEVELS)
@@ -334,6 +352,27 @@ def test_a_seed_of_pufferlib_is_a_whole_number(seed):
     env = puffer_env(RoadNav, RoadNavParams(LEVELS), fake_modules().pufferlib, envs=2)
     with pytest.raises(InputError, match="^seed: expected a whole number, got "):
         env.reset(seed=seed)
+
+
+@pytest.mark.usefixtures("any_types")
+def test_workers_of_pufferlib_are_not_forked(monkeypatch):
+    class Multiprocessing:
+        def __init__(self, creator):
+            self.driver_env = creator()
+
+    pufferlib = fake_modules().pufferlib
+    pufferlib.vector = SimpleNamespace(Multiprocessing=Multiprocessing)
+
+    def create():
+        return puffer_env(RoadNav, RoadNavParams(LEVELS), pufferlib, envs=2)
+
+    monkeypatch.setattr("multiprocessing.get_start_method", lambda allow_none: "spawn")
+    assert Multiprocessing(create).driver_env.num_agents == 2
+    monkeypatch.setattr("multiprocessing.get_start_method", lambda allow_none: None)
+    monkeypatch.setattr("multiprocessing.get_all_start_methods", lambda: ["fork", "spawn"])
+    assert create().num_agents == 2
+    with pytest.raises(InputError, match="^Multiprocessing: expected workers that are spawned, got the start method"):
+        Multiprocessing(create)
 
 
 def test_a_seed_may_be_a_small_number_of_numpy():

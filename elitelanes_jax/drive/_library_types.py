@@ -1,0 +1,39 @@
+"""The types of the wrappers, for type checkers.
+
+The libraries are not imported at run time, so the types are `Untyped` there.
+"""
+
+from typing import TYPE_CHECKING
+
+from elitelanes_jax._util.types import Untyped
+
+if TYPE_CHECKING:
+    import gymnasium
+    import numpy as np
+    import pufferlib
+    from stable_baselines3.common.vec_env import VecEnv
+
+    from elitelanes_jax._util.types import UserValue
+    from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
+    from elitelanes_jax.drive._road_nav import RoadNavParams
+
+    class GymnasiumEnv(gymnasium.Env):
+        params: RoadNavParams | LaneDriveParams
+
+    class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
+        params: RoadNavParams | LaneDriveParams
+        next_observations: np.ndarray
+
+        def get_attr(self, name: str) -> tuple[UserValue, ...]: ...
+
+        def set_attr(self, name: str, values: UserValue) -> None: ...
+
+    class StableBaselines3VecEnv(VecEnv):
+        params: RoadNavParams | LaneDriveParams
+        metrics: dict[str, np.ndarray]
+
+    class PufferLibEnv(pufferlib.PufferEnv):
+        params: RoadNavParams | LaneDriveParams
+
+else:
+    GymnasiumEnv = GymnasiumVectorEnv = StableBaselines3VecEnv = PufferLibEnv = Untyped
