@@ -165,8 +165,10 @@ def auto_replay(environment: Environment) -> Environment:
     def reset_to_level(
         key: Key[Array, ""], level: Level, params: Pytree
     ) -> tuple[Pytree, ReplayState]:
+        # JAX may read an array of NumPy after the call, so the copy comes first.
+        level = jax.tree.map(frozen_copy, level)
         seen, state = environment.reset_to_level(key, level, params)
-        return seen, ReplayState(state, jax.tree.map(frozen_copy, level))
+        return seen, ReplayState(state, level)
 
     @runs_jax
     @divide_batches

@@ -216,8 +216,13 @@ def check_batch(levels: UserValue) -> Level:
 
 
 def check_single(level: UserValue) -> Level:
-    """Checks that a value is one level, but not the level."""
-    return _check_axes(level, 2, "one level (see random_level)")
+    """Checks that a value is one level, but not the level.
+
+    Returns a copy, as `frozen_copy` makes it, because JAX may read arrays after the call.
+    """
+    single = _check_axes(level, 2, "one level (see random_level)")
+    copy: Level = jax.tree.map(frozen_copy, single)
+    return copy
 
 
 def _check_axes(level: UserValue, axes: int, expected: str) -> Level:
