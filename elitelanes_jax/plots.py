@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from elitelanes_jax.problem.descriptor import Axis
-    from elitelanes_jax.search.result import History, Result
+    from elitelanes_jax.search.records import History
+    from elitelanes_jax.search.result import Result
 
 _GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = (
     "#eef0ea",

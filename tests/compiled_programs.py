@@ -47,8 +47,7 @@ def forget_programs() -> None:
     from elitelanes_jax.search import _programs
 
     jax.clear_caches()
-    for name in ("_find", "_start_in_structure", "_start_program", "_advance_program", "_collect_program"):
-        getattr(_programs, name).cache_clear()
+    _programs._find.cache_clear()
 
 
 def free_programs() -> None:

@@ -25,8 +25,8 @@ from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.problem.descriptor import compute_descriptor
 from elitelanes_jax.search import History, MeasuredElites
+from elitelanes_jax.search.records import RunState
 from elitelanes_jax.search.resolve import resolve
-from elitelanes_jax.search.result import RunState
 
 SEARCH = SearchSpec(fill=False, evaluations=2000)
 

@@ -24,7 +24,7 @@ from elitelanes_jax.tiles.rendering import COMPARED_PX, png_of, recall_choice, s
 from elitelanes_jax.tiles.tileset import TileSet
 
 if TYPE_CHECKING:
-    from elitelanes_jax.search.result import History
+    from elitelanes_jax.search.records import History
 
 _FORMAT = "elitelanes explorer, version 1"
 

@@ -21,8 +21,9 @@ from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
 
 if TYPE_CHECKING:
+    from elitelanes_jax.search.records import History
     from elitelanes_jax.search.resolve import Search
-    from elitelanes_jax.search.result import History, Result
+    from elitelanes_jax.search.result import Result
 
 # The shown entries of a run's record.
 _RECORDED = ("settings", "config", "archives", "tile_set", "elites", "versions", "device", "times")

@@ -6,7 +6,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
@@ -27,7 +26,7 @@ from elitelanes_jax.problem.descriptor import compute_descriptor, resolve_axes
 from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for
 from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.problem.ranges import parse_ranges
-from elitelanes_jax.search.elites import MeasuredElites
+from elitelanes_jax.search.records import MeasuredElites
 from elitelanes_jax.search.resolve import Search, resolve_again
 from elitelanes_jax.search.result import Result, load_with_seed
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -135,7 +134,7 @@ def write_result(
     check_named("result", instance(Result), result)
     spec, out = PickSpec().replace(maps=maps, **options), Path(check_named("out", path, out))
     tiles = load_tiles(spec.tiles)
-    sources = [_Source("result", _with_seeds(result), None)]
+    sources = [_Source("result", result.with_seed_axis(), None)]
     search = _resolve_choice(spec, sources)
     inputs = [*spec.inputs, *result.search.inputs]
     with output_folder(
@@ -151,15 +150,7 @@ def write_result(
 
 def _read_source(file: Path) -> _Source:
     result, seed = load_with_seed(file)
-    return _Source(str(file), _with_seeds(result), seed)
-
-
-def _with_seeds(result: Result) -> Result:
-    """Adds an axis of seeds to the elites of a single seed."""
-    if result.elites.valid.ndim > 1:
-        return result
-    # Sources are joined along the seeds, so each needs this axis.
-    return replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
+    return _Source(str(file), result.with_seed_axis(), seed)
 
 
 def _foreign_or_archive(folder: Path) -> str | None:

@@ -1,11 +1,11 @@
-"""Checks of arrays at the edges of kernels, problems and optimisers, by chex.
+"""Checks of arrays at the edges of kernels, problems and optimisers.
 
 They run while JAX traces, so a compiled call costs nothing more.
 """
 
 from collections.abc import Sequence
 
-import chex
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 from numpy.typing import DTypeLike
@@ -29,17 +29,14 @@ def check_array(
       InputError: for another shape or dtype.
     """
     array = jnp.asarray(array)
-    # For chex an axis of length None may have any length.
-    lengths = [length if isinstance(length, int) else None for length in shape]
-    try:
-        chex.assert_shape(array, lengths)
-        chex.assert_equal(any(array.dtype == dtype for dtype in dtypes), True)
-    except AssertionError:
+    is_shape = array.ndim == len(shape) and all(
+        isinstance(expected, str) or expected == length
+        for expected, length in zip(shape, array.shape, strict=True)
+    )
+    if not is_shape or array.dtype not in [jnp.dtype(dtype) for dtype in dtypes]:
         kinds = " or ".join(str(jnp.dtype(dtype)) for dtype in dtypes)
         expected = f"{kinds} [{', '.join(map(str, shape))}]"
-        raise InputError(
-            f"{name}: expected {expected}, got {array.dtype} {list(array.shape)}"
-        ) from None
+        raise InputError(f"{name}: expected {expected}, got {array.dtype} {list(array.shape)}")
     return array
 
 
@@ -49,6 +46,14 @@ def check_same_tree(name: str, before: Pytree, after: Pytree) -> None:
     Raises:
       InputError: otherwise; the message names the leaves that differ.
     """
+    structure: Pytree = jax.tree.structure(before)
+    is_same_structure = structure == jax.tree.structure(after)
+    leaves = jax.tree.leaves(before), jax.tree.leaves(after)
+    if is_same_structure and all(map(_have_one_kind, *leaves)):
+        return
+    # It finds the words for what differs, and takes a tenth of the time that JAX takes to load.
+    import chex
+
     try:
         chex.assert_trees_all_equal_structs(before, after)
         chex.assert_trees_all_equal_comparator(_have_one_kind, _describe_kinds, before, after)

@@ -1,9 +1,9 @@
 from .compile_cache import use_compile_cache as use_compile_cache
-from .elites import MeasuredElites as MeasuredElites
 from .evolution import evolve as evolve
 from .joining import join_results as join_results
+from .records import History as History
+from .records import MeasuredElites as MeasuredElites
 from .resolve import Search as Search
-from .result import History as History
 from .result import Result as Result
 from .result import SearchInterrupted as SearchInterrupted
 from .spec import SearchSpec as SearchSpec

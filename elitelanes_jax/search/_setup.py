@@ -1,27 +1,37 @@
-"""What the programs of a search are made from: static parts and numbers.
+"""The problem and the method of a search, from which its programs are made.
 
-The static parts decide the programs, and the numbers are their arguments.
+Static parts decide the programs, and numbers are their arguments.
 """
 
-from collections.abc import Callable, Mapping
+import gc
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from functools import partial
+from threading import RLock
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Key, UInt32
+from jaxtyping import Array, Int32, Key, UInt32
 
-from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.bits import THREEFRY
+from elitelanes_jax._util.types import Pytree, Untyped
+from elitelanes_jax.network.bits import THREEFRY, default_draws
+from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import Weights
-from elitelanes_jax.optimizers.base import Optimizer
+from elitelanes_jax.optimizers.base import Info, Optimizer
+from elitelanes_jax.optimizers.loop import advance, check_elites, over_seeds, start
 from elitelanes_jax.optimizers.presets import Config, make_optimizer, user_moves
+from elitelanes_jax.problem.archive import Population
+from elitelanes_jax.problem.descriptor import compute_descriptor
 from elitelanes_jax.problem.kernels import Fitness, Kernel
 from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.ranges import range_limits
 from elitelanes_jax.problem.road import RoadProblem, make_problem
+from elitelanes_jax.search.records import MeasuredElites
 from elitelanes_jax.search.resolve import Search
 
 KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
@@ -30,7 +40,19 @@ KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
 Factory: TypeAlias = Callable[[Problem], Optimizer]
 """An optimiser of the user."""
 
+MOST_GENERATIONS = 256
+"""The largest number of generations of one call."""
+
+START, ADVANCE, COLLECT = "start", "advance", "collect"
+"""The names of the programs."""
+
+Jitted: TypeAlias = Untyped
+"""What `jax.jit` returns; JAX has no public name for its type."""
+
 _STATIC = {"static": True}
+
+# A thread that traces one thing may trace another on the way: a program needs the facts.
+_tracing_lock = RLock()
 
 
 @jax.tree_util.register_dataclass
@@ -67,7 +89,42 @@ class Setup:
             raise InputError(f"optimizer: expected a function that returns an Optimizer, got {got}")
         return optimizer
 
-    def wrap_keys(self, data: KeyData) -> Key[Array, "*S"]:
+    def start(self, keys: KeyData) -> Pytree:
+        """Returns the states before the first step, arrays ``[S, ...]``."""
+        return start(self.make_optimizer(), self._wrap_keys(keys))
+
+    def advance(
+        self, keys: KeyData, states: Pytree, first: Int32[Array, ""], last: Int32[Array, ""]
+    ) -> tuple[Pytree, Info]:
+        """Runs the generations `first` to `last`, `MOST_GENERATIONS` or fewer.
+
+        See `loop.advance`.
+        """
+        optimizer, keys = self.make_optimizer(), self._wrap_keys(keys)
+        states, info = advance(optimizer, keys, states, first, last, most=MOST_GENERATIONS)
+        # The info of a user's optimiser may have other fields too.
+        return states, Info(*(getattr(info, name) for name in Info._fields))
+
+    def collect(self, states: Pytree) -> MeasuredElites:
+        """Returns the elites with their descriptor, metrics and features."""
+        optimizer, problem = self.make_optimizer(), self.problem
+        names = problem.feature_names
+
+        def collect_one(state: Pytree) -> Population:
+            return check_elites(optimizer.elites(state), problem.shape, len(names))
+
+        grids, fitness, features = elites = over_seeds(collect_one, states)
+        height, width = problem.shape
+        return MeasuredElites(
+            grids=grids,
+            fitness=fitness,
+            descriptor=compute_descriptor(features, names, problem.axes),
+            valid=elites.valid,
+            metrics=unstack_metrics(features, height * width),
+            features={name: features[..., names.index(name)] for name in problem.measured},
+        )
+
+    def _wrap_keys(self, data: KeyData) -> Key[Array, "*S"]:
         return jax.random.wrap_key_data(jnp.asarray(data), impl=self.key_kind)
 
     def has_user_functions(self) -> bool:
@@ -78,6 +135,13 @@ class Setup:
     def without_functions(self) -> "Setup":
         """Returns the setup without the user's functions, whose names do not matter."""
         return replace(self, factory=None, problem=replace(self.problem, kernels=(), fitness=None))
+
+
+_METHODS: dict[str, Callable[..., Pytree]] = {
+    START: Setup.start,
+    ADVANCE: Setup.advance,
+    COLLECT: Setup.collect,
+}
 
 
 def make_setup(
@@ -129,3 +193,122 @@ def make_setup(
 def _as_scalar(number: float) -> np.generic:
     # Programs are found by the dtypes of their numbers, which Python's numbers lack.
     return np.int32(number) if is_whole(number) else np.float32(number)
+
+
+class SearchFacts(NamedTuple):
+    """What is known of a search once its optimiser was traced.
+
+    Attributes:
+      evaluations_per_step: the evaluations of a generation of one seed.
+      first_generation: the first generation after the start, see `Optimizer`.
+      states: the shapes and dtypes of the states of a part.
+    """
+
+    evaluations_per_step: int
+    first_generation: int
+    states: Pytree
+
+
+class TraceableSearch:
+    """The programs of a setup as functions that JAX can trace, for arguments of given shapes.
+
+    Args:
+      setup: the setup; only its structure, and the shapes and dtypes of its numbers, matter.
+      keys: the data of the keys of all seeds; only its shape and dtype matter.
+      rows: the number of seeds of the programs that start and advance a search.
+      facts: the facts of the search, if they are known.
+      prefix: how the names of the programs begin.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        keys: jax.ShapeDtypeStruct,
+        rows: int,
+        facts: SearchFacts | None,
+        prefix: str,
+    ) -> None:
+        self._setup, self._seeds = setup, len(keys)
+        self._keys = jax.ShapeDtypeStruct((rows, *keys.shape[1:]), keys.dtype)
+        self._facts = facts
+        # All programs keep unused arguments, so that they take the same numbers, whatever their
+        # optimiser reads.
+        self._programs: dict[str, Jitted] = {}
+        for name, method in _METHODS.items():
+            function: Untyped = partial(method)
+            function.__name__ = prefix + name
+            self._programs[name] = jax.jit(function, keep_unused=True)
+
+    # Not a cached property: Python 3.11 computes one of these at a time, of whatever object, so
+    # that a thread which traces and a thread which waits to trace would wait for each other.
+    @property
+    def facts(self) -> SearchFacts:
+        """What is known of the search. Traces the optimiser if they were not given."""
+        if self._facts is None:
+            with _tracing():
+                self._facts = self._trace_facts()
+        return self._facts
+
+    @property
+    def states(self) -> Pytree:
+        """The shapes and dtypes of the states of all seeds."""
+        return jax.tree.map(
+            lambda leaf: jax.ShapeDtypeStruct((self._seeds, *leaf.shape[1:]), leaf.dtype),
+            self.facts.states,
+        )
+
+    def lower(self, program: str, sharding: jax.sharding.Sharding | None) -> jax.stages.Lowered:
+        """Lowers a program for arguments of a sharding."""
+        bind = partial(jax.ShapeDtypeStruct, sharding=sharding)
+        arguments = jax.tree.map(
+            lambda leaf: bind(leaf.shape, leaf.dtype), self._arguments(program)
+        )
+        with _tracing():
+            return self._programs[program].lower(*arguments)
+
+    def _arguments(self, program: str) -> tuple[Pytree, ...]:
+        """Returns the shapes and dtypes of the arguments of a program."""
+        if program == START:
+            return self._setup, self._keys
+        if program == COLLECT:
+            return self._setup, self.states
+        generation = jax.ShapeDtypeStruct((), jnp.int32)
+        return self._setup, self._keys, self.facts.states, generation, generation
+
+    def _trace_facts(self) -> SearchFacts:
+        evaluations_per_step = first_generation = 0
+
+        # An optimiser can only be made from numbers. This function is traced with their shapes
+        # alone. The facts do not depend on numbers, and leave the function as variables.
+        def read_optimizer(setup: Setup) -> None:
+            nonlocal evaluations_per_step, first_generation
+            optimizer = setup.make_optimizer()
+            name = "optimizer: evaluations_per_step"
+            evaluations_per_step = check_named(name, whole(1), optimizer.evaluations_per_step)
+            first_generation = optimizer.first_generation
+
+        jax.eval_shape(read_optimizer, self._setup)
+        states = self._programs[START].eval_shape(*self._arguments(START))
+        # JAX adds the devices, which differ between parts.
+        states = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), states)
+        return SearchFacts(evaluations_per_step, first_generation, states)
+
+
+@contextmanager
+def _tracing() -> Iterator[None]:
+    """Lets one thread trace at a time, without Python's garbage collector.
+
+    Threads that trace at once take turns, and all their programs come late. Tracing makes many
+    lasting objects; the collector takes a tenth of the time to look through them. The user's
+    functions draw as by default, so that a search can be continued under other settings of JAX.
+    Without `jit` JAX would write every generation into the program, which then compiles for
+    minutes.
+    """
+    with _tracing_lock, default_draws(), jax.disable_jit(False):
+        collects = gc.isenabled()
+        try:
+            gc.disable()
+            yield
+        finally:
+            if collects:
+                gc.enable()

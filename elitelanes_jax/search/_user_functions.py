@@ -19,7 +19,7 @@ from elitelanes_jax.optimizers.loop import check_state
 from elitelanes_jax.optimizers.presets import PRESETS, Config, find_preset, user_moves, with_moves
 from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, digest
 from elitelanes_jax.search._setup import Factory, Setup
-from elitelanes_jax.search._stored_programs import settings_of_thread
+from elitelanes_jax.search.compile_cache import settings_of_thread
 from elitelanes_jax.search.resolve import Search, with_method
 from elitelanes_jax.search.settings import CUSTOM
 from elitelanes_jax.search.spec import SearchSpec

@@ -15,12 +15,9 @@ import jax
 from jaxtyping import Array, Key
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, flag, instance, none_or
-from elitelanes_jax._util.engine import Engine, Pool, check_pool
-from elitelanes_jax._util.errors import (
-    InputError,
-    shorten,
-)
+from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.engine import Engine, check_pool
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -28,19 +25,13 @@ from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.presets import Config
 from elitelanes_jax.problem.kernels import Fitness, Kernel, check_kernels
 from elitelanes_jax.problem.problem import Problem
-from elitelanes_jax.search._devices import choose_devices
-from elitelanes_jax.search._user_functions import (
-    Extensions,
-    set_method,
-)
-from elitelanes_jax.search.keys import SearchKeys, check_keys
-from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
-from elitelanes_jax.search.resolve import Room, Search, resolve
-from elitelanes_jax.search.result import (
-    Result,
-    RunState,
-)
-from elitelanes_jax.search.running import evolve_search, prepare_search
+from elitelanes_jax.search._user_functions import Extensions, set_method
+from elitelanes_jax.search.keys import check_keys
+from elitelanes_jax.search.parts import evolve_on_workers
+from elitelanes_jax.search.records import RunState
+from elitelanes_jax.search.resolve import Room, resolve
+from elitelanes_jax.search.result import Result
+from elitelanes_jax.search.running import evolve_search
 from elitelanes_jax.search.spec import SearchOptions, SearchSpec
 
 
@@ -147,7 +138,7 @@ def evolve(
     pool = check_pool(executor, parts)
     if pool is not None:
         _check_none_with_executor(state=state, checkpoint=checkpoint, devices=devices)
-        return _evolve_in_pool(search, keys, extensions, pool, progress)
+        return evolve_on_workers(search, keys, pool, extensions, progress=progress)
     return evolve_search(
         search,
         keys,
@@ -166,20 +157,6 @@ def _check_none_with_executor(**arguments: UserValue) -> None:
         if value is not None:
             got = shorten(repr(value), 60)
             raise InputError(f"{name}: expected none with an executor, got {got}")
-
-
-def _evolve_in_pool(
-    search: Search, keys: SearchKeys, extensions: Extensions, pool: Pool, progress: bool | None
-) -> Result:
-    """Runs a search on an executor's workers."""
-    check_named("progress", none_or(flag), progress)
-    # Preparing a search of one seed checks the user's functions here, before they travel. Workers
-    # compare their functions with the digests.
-    first_key = keys._replace(data=keys.data[:1])
-    functions = prepare_search(search, first_key, extensions, choose_devices(1)).setup.digests
-    # Workers get the resolved search, therefore they read no files of the user.
-    results = evolve_parts(search, keys, pool, extensions, functions=functions, progress=progress)
-    return join_evolved_parts(results)
 
 
 def _with_options(spec: UserValue, options: Mapping[str, UserValue]) -> SearchSpec:

@@ -11,7 +11,8 @@ import numpy as np
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError, shorten, warn_user
-from elitelanes_jax.search.result import NO_STATE, History, Result
+from elitelanes_jax.search.records import NO_STATE, History
+from elitelanes_jax.search.result import Result
 
 
 @name_wrong_arguments
@@ -48,7 +49,7 @@ def join_parts_of_run(results: Sequence[Result]) -> Result:
     for index, result in enumerate(results):
         _check_same_search(index, _search_of(result), _search_of(results[0]))
     _check_different_keys(results)
-    batches = [_with_seeds(result) for result in results]
+    batches = [result.with_seed_axis() for result in results]
     all_elites = [batch.elites for batch in batches]
     elites = jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *all_elites)
     history = _join_histories([batch.history for batch in batches])
@@ -104,7 +105,7 @@ def _warn_of_equal_seeds(results: Sequence[Result]) -> None:
     """Warns if a seed has the arrays of a seed in an earlier result."""
     seen: dict[bytes, tuple[int, int]] = {}
     for index, result in enumerate(results):
-        batch = _with_seeds(result)
+        batch = result.with_seed_axis()
         grids, fitness = np.asarray(batch.elites.grids), np.asarray(batch.elites.fitness)
         # The digests of a result are compared after all are made, because two seeds of one result
         # had different keys, or `evolve` has warned of them.
@@ -123,20 +124,6 @@ def _warn_of_equal_seeds(results: Sequence[Result]) -> None:
                 return
         for seed, digest in enumerate(digests):
             seen[digest] = index, seed
-
-
-def _with_seeds(result: Result) -> Result:
-    """Returns a result whose arrays have a leading axis of seeds."""
-    if result.elites.fitness.ndim == 2:
-        return result
-    elites = jax.tree.map(lambda array: array[None], result.elites)
-    history = result.history
-    history = history._replace(
-        best_fitness=history.best_fitness[None],
-        elite_count=history.elite_count[None],
-        refused=history.refused[None],
-    )
-    return replace(result, elites=elites, history=history)
 
 
 def _join_histories(histories: Sequence[History]) -> History:

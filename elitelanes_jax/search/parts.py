@@ -9,19 +9,20 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from elitelanes_jax._util.checks import real
+from elitelanes_jax._util.checks import check_named, flag, none_or, real
 from elitelanes_jax._util.engine import Pool, call_on_workers, part_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json, write_json
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.network.bits import THREEFRY
+from elitelanes_jax.search._devices import choose_devices
 from elitelanes_jax.search._user_functions import Extensions
 from elitelanes_jax.search.compile_cache import use_compile_cache
 from elitelanes_jax.search.joining import join_parts_of_run, without_state
 from elitelanes_jax.search.keys import SearchKeys
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
-from elitelanes_jax.search.running import evolve_search
+from elitelanes_jax.search.running import evolve_search, prepare_run
 
 # A core advances up to 32 seeds together, and a worker compiles for seconds: parts with fewer seeds
 # do not pay.
@@ -40,6 +41,25 @@ class EvolvedPart(NamedTuple):
     result: Result
     seconds: float
     device: str
+
+
+def evolve_on_workers(
+    search: Search,
+    keys: SearchKeys,
+    pool: Pool,
+    extensions: Extensions,
+    *,
+    progress: bool | None,
+) -> Result:
+    """Evolves a search on the workers of an executor, as `evolve` does."""
+    check_named("progress", none_or(flag), progress)
+    # Preparing a search of one seed checks the user's functions here, before they travel. Workers
+    # compare their functions with the digests.
+    first_key = keys._replace(data=keys.data[:1])
+    functions = prepare_run(search, first_key, extensions, choose_devices(1)).functions
+    # Workers get the resolved search, therefore they read no files of the user.
+    parts = evolve_parts(search, keys, pool, extensions, functions=functions, progress=progress)
+    return join_evolved_parts(parts)
 
 
 def evolve_parts(

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import NamedTuple, TypeAlias
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +18,7 @@ from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import satisfies
 from elitelanes_jax.problem.rules import map_constraints
 from elitelanes_jax.problem.targets import ExampleValues, SupportPoints
-from elitelanes_jax.search.elites import MeasuredElites
+from elitelanes_jax.search.records import MeasuredElites
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.style import CROSSING
 
@@ -116,7 +115,7 @@ def choose_maps(
     the axes' target bins come before all others.
 
     Args:
-      elites: the elites of a search.
+      elites: the elites of a search, with an axis of seeds.
       search: the search that found the elites.
       count: the number of maps.
       seed: the seed of the run; it is noted in the maps.
@@ -125,9 +124,6 @@ def choose_maps(
       min_difference: the least `difference` of each map from all others. If there are too few such
         maps, the next share applies.
     """
-    if elites.valid.ndim == 1:
-        # Elites of one seed have no axis of seeds.
-        elites = jax.tree.map(lambda array: array[None], elites)
     valid = np.asarray(elites.valid)
     metrics = {name: values.ravel() for name, values in elites.by_name().items()}
     # The fitness only steers towards the constraints. An elite may violate them, so each elite is

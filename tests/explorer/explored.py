@@ -16,8 +16,8 @@ from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.problem.descriptor import paper_axes
 from elitelanes_jax.search import History, MeasuredElites
+from elitelanes_jax.search.records import RunState
 from elitelanes_jax.search.resolve import resolve
-from elitelanes_jax.search.result import RunState
 
 __all__ = ["IN_BROWSER", "big_result", "float_result", "own_result", "write_run"]
 

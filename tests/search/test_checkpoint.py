@@ -23,6 +23,7 @@ from elitelanes_jax.maps import generate
 from elitelanes_jax.search import _programs
 from elitelanes_jax.search import running as search
 from elitelanes_jax.search._checkpoint import Checkpoint
+from elitelanes_jax.search._compiling import CompiledPrograms
 from elitelanes_jax.search._programs import Programs
 
 SHAPE = (5, 6)
@@ -34,7 +35,7 @@ run = partial(evolve, KEYS, SHAPE, method="ea", preset="paper", generations=GENE
 
 @pytest.fixture(autouse=True)
 def short_calls(monkeypatch):
-    monkeypatch.setattr(search, "_SECONDS_A_CALL", 0.0)
+    monkeypatch.setattr(_programs, "_SECONDS_A_CALL", 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def kept(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Checkpoint, "save", save_and_copy)
-        patch.setattr(search, "_SECONDS_A_CALL", 0.0)
+        patch.setattr(_programs, "_SECONDS_A_CALL", 0.0)
         run(checkpoint=place / "folder", every=0)
     return folders
 
@@ -72,7 +73,7 @@ def test_a_finished_search_is_not_run_again_and_a_larger_budget_goes_on(kept, wh
     folder = shutil.copytree(kept[-1], tmp_path / "folder")
     before = (folder / "result.npz").read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr(Programs, "advance", None)
+        patch.setattr(Programs, "_advance", None)
         same(run(checkpoint=folder), whole)
     assert (folder / "result.npz").read_bytes() == before
     same(run(checkpoint=folder, style="paper"), whole)  # which says the same by another name
@@ -94,17 +95,17 @@ def test_one_key_alone_and_a_search_that_goes_on_from_a_state(whole, tmp_path):
         run(checkpoint=tmp_path / "rest")
 
 
-def interrupt_at(patch, number, module=search):
-    """Interrupts the call of this number in which a module works in threads, as Ctrl-C does."""
-    side_by_side, calls = module.side_by_side, []
+def interrupt_at(patch, number, kind=Programs, method="_run_on_parts"):
+    """Interrupts the call of this number in which programs run in threads, or compile, as Ctrl-C does."""
+    original, calls = getattr(kind, method), []
 
-    def interrupted(functions, **options):
+    def interrupted(*arguments):
         calls.append(None)
         if len(calls) == number:
             raise KeyboardInterrupt
-        return side_by_side(functions, **options)
+        return original(*arguments)
 
-    patch.setattr(module, "side_by_side", interrupted)
+    patch.setattr(kind, method, interrupted)
 
 
 @pytest.mark.parametrize(("number", "done"), [(2, 0), (3, 128), (6, 131)])
@@ -130,10 +131,10 @@ def test_an_interruption_before_any_grid_is_evaluated_has_nothing(number, monkey
     assert type(caught.value) is KeyboardInterrupt
 
 
-@pytest.mark.parametrize("moment", ["result", "save"])
+@pytest.mark.parametrize("moment", ["collect_parts", "save"])
 def test_an_interruption_at_the_very_end_has_what_was_found(moment, whole, tmp_path, monkeypatch):
     """It comes while the elites are collected, or while the last checkpoint is written."""
-    kind = search.PreparedSearch if moment == "result" else Checkpoint
+    kind = Programs if moment == "collect_parts" else Checkpoint
     finish = getattr(kind, moment)
 
     def interrupted(*arguments):
@@ -157,7 +158,7 @@ def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monk
     for state, kind in ((None, KeyboardInterrupt), (half.state, SearchInterrupted)):
         with monkeypatch.context() as patch:
             patch.setattr(search, "find_programs", compiled_anew)
-            interrupt_at(patch, 1, _programs)
+            interrupt_at(patch, 1, CompiledPrograms, "_compile")
             with pytest.raises(KeyboardInterrupt) as caught:
                 run(generations=5, state=state)
         assert type(caught.value) is kind
@@ -288,7 +289,7 @@ def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
             generate(SMALL, out)
     assert sorted(file.name for file in tmp_path.iterdir()) == [".out-unfinished", "whole"]
     with monkeypatch.context() as patch:
-        patch.setattr(Programs, "advance", None)
+        patch.setattr(Programs, "_advance", None)
         with pytest.raises(NotEnoughMapsError, match=r"found \d+ of 60 maps"):
             generate(SMALL.replace(maps=60), out)
         generate(SMALL, out)

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 import pytest
 from certified import evolve
+from compiled_programs import forget_programs
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,11 +21,11 @@ from elitelanes_jax import InputError, use_cores
 from elitelanes_jax._util import threads
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax.cli.main import make_parser
-from elitelanes_jax.search._devices import choose_devices, cut, join
-from elitelanes_jax.search._programs import Programs
+from elitelanes_jax.search._devices import choose_devices
+from elitelanes_jax.search._programs import Programs, cut, join
 
 CPU = jax.devices("cpu")[0]
-advance = Programs.advance
+advance = Programs.advance_parts
 
 PROGRAM = """
 import chex
@@ -65,8 +66,11 @@ def test_many_seeds_of_a_processor_run_in_small_parts(monkeypatch):
     run = partial(evolve, 0, (5, 6), seeds=9, method="ea", preset="paper", generations=3)
     whole = run(devices=1)
     monkeypatch.setattr("elitelanes_jax.search._devices._MOST_ROWS", 2)
+    forget_programs()
     rows = []
-    monkeypatch.setattr(Programs, "advance", lambda *given: rows.append(len(given[3])) or advance(*given))
+    monkeypatch.setattr(
+        Programs, "advance_parts", lambda *given: rows.extend(len(keys) for keys in given[2]) or advance(*given)
+    )
     for devices, parts in ((1, [2] * 5), (2, [2] * 5), (4, [2] * 5), (9, [1] * 9)):
         rows.clear()
         found = run(devices=devices)

@@ -17,9 +17,8 @@ from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea
 from elitelanes_jax._util.npz import npz_bytes, read_npz
 from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, AnnealingConfig, EvolutionConfig, MapElitesConfig
 from elitelanes_jax.optimizers.presets import config_from_plain, config_to_plain, find_preset
-from elitelanes_jax.search.elites import check_metrics
+from elitelanes_jax.search.records import History, check_metrics
 from elitelanes_jax.search.resolve import plain_spec, search_from_plain
-from elitelanes_jax.search.result import History
 
 SHAPE = (5, 6)
 KEYS = jax.random.split(jax.random.key(3), 3)
@@ -246,7 +245,7 @@ def test_the_seconds_of_a_continued_run_are_those_of_its_own_generations():
 
 
 def test_each_grid_is_checked(result, monkeypatch):
-    monkeypatch.setattr("elitelanes_jax.search.elites._CHECKED_AT_ONCE", 2)
+    monkeypatch.setattr("elitelanes_jax.search.records._CHECKED_AT_ONCE", 2)
     check_metrics(result.elites)
     for place in np.argwhere(result.elites.valid)[:5].tolist():
         grids = np.array(result.elites.grids)

@@ -15,8 +15,8 @@ from oracle import measure as oracle
 
 from elitelanes_jax import Axis, GenerateSpec, InputError, Optimizer, SearchSpec, Weights, ea, fitness
 from elitelanes_jax.optimizers import PRESETS, EvolutionConfig, Info, MapElitesConfig, seed_keys
+from elitelanes_jax.search.records import RunState
 from elitelanes_jax.search.resolve import resolve
-from elitelanes_jax.search.result import RunState
 from elitelanes_jax.search.running import _check_memory
 from elitelanes_jax.search.settings import METHODS
 
@@ -391,7 +391,7 @@ def test_a_state_of_another_run_is_refused():
 
 def test_a_search_that_cannot_fit_is_refused_before_it_is_compiled(monkeypatch):
     monkeypatch.setattr("elitelanes_jax.search.running.free_memory", lambda: 202_000_000)
-    monkeypatch.setattr("elitelanes_jax.search.running._advance", None)
+    monkeypatch.setattr("elitelanes_jax.search._programs.Programs.prepare", None)
     took = (
         r"not enough memory: 40 seeds of 6 x 7 tiles take 0\.2 GB or more, and 0\.2 GB are free; [0-9]+ seeds? at most"
     )

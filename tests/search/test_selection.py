@@ -18,8 +18,8 @@ from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem.descriptor import compute_descriptor, paper_axes
 from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search import History, MeasuredElites
+from elitelanes_jax.search.records import RunState
 from elitelanes_jax.search.resolve import resolve
-from elitelanes_jax.search.result import RunState
 from elitelanes_jax.search.selection import _spread
 
 AXES = paper_axes((6, 6))

@@ -1,8 +1,8 @@
 """Programs in files: a later process loads them, and finds the same; files that are of no use are replaced."""
 
 import gc
-import json
 import os
+import pickle
 import random
 import re
 import shutil
@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import weakref
+import zlib
 from functools import partial
 from threading import Thread
 
@@ -19,13 +20,14 @@ import numpy as np
 import pytest
 from compiled_programs import forget_programs
 
-from elitelanes_jax import ea
+from elitelanes_jax import use_compile_cache
 from elitelanes_jax._util.progress import reporting
 from elitelanes_jax._util.threads import start_thread
-from elitelanes_jax.search import _compiling, _programs, _stored_programs
-from elitelanes_jax.search._programs import ProgramKey, Programs
-from elitelanes_jax.search._setup import make_setup
-from elitelanes_jax.search._stored_programs import StoredPrograms, find_file, find_folder, load, save
+from elitelanes_jax.search import _compiling, _programs, compile_cache
+from elitelanes_jax.search._compiling import CompiledPrograms, ProgramKey
+from elitelanes_jax.search._programs import Programs
+from elitelanes_jax.search._setup import TraceableSearch
+from elitelanes_jax.search.compile_cache import find_file, find_folder, load, save
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.keys import keys_of_seeds
 from elitelanes_jax.search.resolve import resolve
@@ -37,6 +39,10 @@ run = partial(evolve, 3, SHAPE, seeds=2, method="ea", preset="paper", generation
 NAMES = {"start", "advance", "collect"}
 
 
+def names(file):
+    return {name for name, _, _ in load(file).programs}
+
+
 def arrays(result):
     return [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves((result.elites, result.state))]
 
@@ -45,10 +51,10 @@ def arrays(result):
 def folder(tmp_path, monkeypatch):
     """The folder of the files, empty at first; no search knows the programs of an earlier one."""
     forget_programs()
-    monkeypatch.setattr(_stored_programs, "LOADED", time.time_ns())  # somebody may edit sources during the tests
+    monkeypatch.setattr(compile_cache, "LOADED", time.time_ns())  # somebody may edit sources during the tests
     before = jax.config.values["jax_compilation_cache_dir"]
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "cache"))
-    yield tmp_path / "cache" / "exported"
+    yield tmp_path / "cache" / "searches"
     forget_programs()
     jax.config.update("jax_compilation_cache_dir", before)
 
@@ -70,7 +76,7 @@ def test_forgotten_programs_leave_nothing(folder):
 def in_a_new_process(monkeypatch):
     """As in a new process, no program is known; from here on none may be traced."""
     forget_programs()
-    monkeypatch.setattr(_programs.Programs, "_exportable", None)
+    monkeypatch.setattr(TraceableSearch, "lower", None)
 
 
 @pytest.mark.parametrize(
@@ -108,10 +114,10 @@ def test_loaded_programs_find_what_compiled_ones_find(settings, folder, monkeypa
 def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch):
     start = run(generations=0)
     (file,) = folder.iterdir()
-    assert set(load(file).exports) == {"start", "collect"}
+    assert names(file) == {"start", "collect"}
     forget_programs()
     whole = run()
-    assert set(load(file).exports) == NAMES
+    assert names(file) == NAMES
     in_a_new_process(monkeypatch)
     assert arrays(run(generations=0)) == arrays(start)
     assert arrays(run()) == arrays(whole)
@@ -120,31 +126,32 @@ def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch
 @pytest.mark.slow
 def test_programs_are_optimised_from_so_many_cells_on(monkeypatch):
     levels = {"start": [], "advance": [], "collect": []}
-    lower = _programs.Programs._lower
+    keep = CompiledPrograms._keep
 
-    def note(programs, key):
-        levels[key.program].append(key.level)
-        return lower(programs, key)
+    def note(programs, keys, compiled):
+        for key in keys:
+            levels[key.program].append(key.level)
+        keep(programs, keys, compiled)
 
-    monkeypatch.setattr(_programs.Programs, "_lower", note)
+    monkeypatch.setattr(CompiledPrograms, "_keep", note)
     _programs._find.cache_clear()
     results = [run()]
     cells = 2 * 4 * 5 * int(results[0].history.evaluations[-1])  # of two seeds
     monkeypatch.setattr(_compiling, "_MOST_CELLS", (2 * cells, 3 * cells))
     results += [run() for _ in range(3)]
-    assert levels == {"start": [0, 1], "advance": [0, 1, 2], "collect": [0]}
+    assert levels == {"start": [0], "advance": [0, 1, 2], "collect": [0]}
     assert len({tuple(arrays(result)) for result in results}) == 1
 
 
 @pytest.mark.slow
 def test_a_search_goes_on_while_another_one_needs_a_higher_level(folder, monkeypatch):
-    prepare = _programs.Programs.prepare
+    prepare = Programs.prepare
 
     def prepare_then_another(programs, **given):
         prepare(programs, **given)
         programs._evaluated_cells = 10**12  # as a search in another thread does before it compiles
 
-    monkeypatch.setattr(_programs.Programs, "prepare", prepare_then_another)
+    monkeypatch.setattr(Programs, "prepare", prepare_then_another)
     assert len(run().history.generation) == 3
 
 
@@ -170,7 +177,7 @@ def test_a_search_finds_what_other_threads_compiled(folder, monkeypatch):
     for wait in waits:
         wait()
     assert len(list(folder.iterdir())) == 2
-    monkeypatch.setattr(_programs.Programs, "_compile", None)
+    monkeypatch.setattr(CompiledPrograms, "_compile", None)
     found = [evolve(3, (size, 5), seeds=2, spec=spec, progress=False) for size in (4, 3)]
     monkeypatch.undo()
     forget_programs()
@@ -184,9 +191,9 @@ def flip(content):
 
 def other_programs(content):
     """A whole file whose programs JAX cannot load."""
-    head = json.loads(content[32:].split(b"\n", 1)[0])
-    body = json.dumps(head).encode() + b"\n" + bytes(sum(head["sizes"].values()))
-    return _stored_programs.sha256(body).digest() + body
+    stored = pickle.loads(zlib.decompress(content))
+    programs = {key: (bytes(len(code)), *trees) for key, (code, *trees) in stored.programs.items()}
+    return zlib.compress(pickle.dumps(stored._replace(programs=programs)))
 
 
 def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
@@ -202,12 +209,31 @@ def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
         with reporting(quiet=False):
             assert arrays(first()) == expected
         assert re.fullmatch(line, capsys.readouterr().err)
-        assert load(file).exports.keys() == {"start", "collect"}
+        assert names(file) == {"start", "collect"}
     for spoilt in (whole[: len(whole) // 2], b"", b"{}\n" * 99):
-        file.write_bytes(spoilt)
-        with reporting(quiet=False):
-            assert load(file) is None
-        assert re.fullmatch(line, capsys.readouterr().err)
+        for quiet in (False, True):
+            file.write_bytes(spoilt)
+            with reporting(quiet=quiet):
+                assert load(file) is None
+            assert re.fullmatch("" if quiet else line, capsys.readouterr().err)
+
+
+def test_programs_are_not_taken_from_the_folder_of_jax(folder):
+    """XLA cannot serialise again what it has loaded: functions would be missing when it runs."""
+    before = jax.config.jax_persistent_cache_min_compile_time_secs
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    try:
+        first = arrays(run(generations=0))
+        assert not [*folder.parent.glob(f"jit_{compile_cache._NAME}*")]
+        for _ in range(2):
+            (file,) = folder.iterdir()
+            file.unlink()
+            forget_programs()
+            assert arrays(run(generations=0)) == first
+            forget_programs()
+            assert arrays(run(generations=0)) == first
+    finally:
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", before)
 
 
 def test_a_file_is_found_by_all_that_its_programs_depend_on(folder, monkeypatch):
@@ -217,10 +243,13 @@ def test_a_file_is_found_by_all_that_its_programs_depend_on(folder, monkeypatch)
     assert find("other") != file
     with jax.numpy_rank_promotion("raise"):
         assert find("static") != file
-    for name in ("_digest_sources", "installed_versions"):
+    for name in ("_digest_sources", "installed_versions", "_processor"):
         with monkeypatch.context() as patch:
-            patch.setattr(_stored_programs, name, lambda: "others")
+            patch.setattr(compile_cache, name, lambda: "others")
             assert find("static") != file
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_max_isa=SSE4_2")
+    assert find("static") != file
+    monkeypatch.undo()
     jax.config.update("jax_compilation_cache_dir", None)
     assert find_folder() is None
 
@@ -238,22 +267,24 @@ def test_functions_of_the_user_are_in_no_file(folder):
 def test_floats_of_the_user_are_rounded_the_same_in_each_run(fitness, level, monkeypatch):
     """The compiler fuses products with sums at some levels of optimisation."""
     keys: list[ProgramKey] = []
-    compiles = _programs.Programs._compile
-    monkeypatch.setattr(_programs.Programs, "_compile", lambda self, new: [keys.extend(new), compiles(self, new)])
+    compiles = CompiledPrograms._compile
+    monkeypatch.setattr(
+        CompiledPrograms, "_compile", lambda self, new, *others: [keys.extend(new), compiles(self, new, *others)]
+    )
     run(fitness=fitness, generations=1)
     assert keys and all(key.level == level for key in keys)
 
 
 def test_programs_of_other_sources_than_those_loaded_are_not_kept(folder, monkeypatch):
-    sources = _stored_programs._list_sources()
+    sources = compile_cache._list_sources()
     assert len(sources) > 50
-    monkeypatch.setattr(_stored_programs, "_list_sources", lambda: [*sources, folder.parent / "edited.py"])
+    monkeypatch.setattr(compile_cache, "_list_sources", lambda: [*sources, folder.parent / "edited.py"])
     folder.parent.mkdir()
     (folder.parent / "edited.py").write_text("")
-    later = _stored_programs.LOADED + 10**9  # file systems round times
+    later = compile_cache.LOADED + 10**9  # file systems round times
     os.utime(folder.parent / "edited.py", ns=(later, later))
     assert find_file(folder, "static") is None
-    monkeypatch.setattr(_stored_programs, "_list_sources", list)
+    monkeypatch.setattr(compile_cache, "_list_sources", list)
     assert find_file(folder, "static") is None
 
 
@@ -274,17 +305,17 @@ def test_the_folder_may_change_in_a_process(folder, tmp_path):
     (file,) = folder.iterdir()
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "other"))
     run(generations=0)
-    assert [one.name for one in (tmp_path / "other" / "exported").iterdir()] == [file.name]
+    assert [one.name for one in (tmp_path / "other" / "searches").iterdir()] == [file.name]
 
 
 def test_a_file_of_another_user_is_read(folder, monkeypatch):
-    save(folder / "file", StoredPrograms({}, {"program": b"bytes"}))
+    save(folder / "file", [b"bytes"])
 
     def refuse(*_):
         raise PermissionError("of another user")
 
     monkeypatch.setattr(os, "utime", refuse)
-    assert load(folder / "file") == StoredPrograms({}, {"program": b"bytes"})
+    assert load(folder / "file") == [b"bytes"]
 
 
 @pytest.mark.slow
@@ -311,17 +342,65 @@ def test_threads_that_trace_and_threads_that_lower_do_not_wait_for_each_other(fo
 
 
 def test_files_used_least_recently_are_removed(tmp_path, monkeypatch):
-    monkeypatch.setattr(_stored_programs, "_MOST_BYTES", 2500)
-    files = [tmp_path / name for name in "dcba"]
+    monkeypatch.setattr(compile_cache, "_MOST_BYTES", 2500)
+    draw = random.Random(0)
+    content = draw.randbytes(900)  # random, so that it stays as long when it is compressed
+    folder = tmp_path / "searches"
+    files = [folder / name for name in "dcba"]
     for age, file in enumerate(files[:3]):
-        save(file, StoredPrograms({}, {"program": bytes(900)}))
+        save(file, content)
         os.utime(file, (age, age))
     assert not files[0].exists()
-    assert load(files[1]) == StoredPrograms({}, {"program": bytes(900)})  # it is used: the other one is older now
-    save(files[3], StoredPrograms({}, {"program": bytes(900)}))
+    assert load(files[1]) == content  # it is used: the other one is older now
+    save(files[3], content)
     assert [file.exists() for file in files] == [False, True, False, True]
-    save(files[0], StoredPrograms({}, {"program": bytes(2600)}))  # the last one stays, however large it is
+    save(files[0], draw.randbytes(2600))  # the last one stays, however large it is
     assert [file.exists() for file in files] == [True, False, False, False]
+
+
+def test_programs_of_jax_that_were_cut_off_are_removed(folder):
+    """JAX would warn of such a program in each process, and compile it again each time."""
+    assert use_compile_cache() == folder.parent
+    whole = zlib.compress(random.Random(0).randbytes(900))
+    # As JAX with zstandard writes them, which only JAX can read.
+    files = {"jit_zstandard-0-cache": b"\x28\xb5\x2f\xfd" + whole, "jit_whole-1-cache": whole, "notes": b"mine"}
+    cut_off = {"jit_half-2-cache": whole[:400], "jit_all_but_one-3-cache": whole[:-1], "jit_none-4-cache": b""}
+    for name, content in (files | cut_off | {"jit_other-5-cache": b"{}"}).items():
+        (folder.parent / name).write_bytes(content)
+    assert use_compile_cache() == folder.parent
+    assert {file.name for file in folder.parent.iterdir()} == {*files, ".checked"}
+    later = folder.parent / "jit_later-6-cache"
+    later.write_bytes(whole[:-1])
+    (folder.parent / "jit_whole-1-cache").write_bytes(whole[:-1])
+    use_compile_cache()
+    assert {file.name for file in folder.parent.iterdir()} == {*files, ".checked"} - {"jit_whole-1-cache"}
+
+
+CACHED = """
+import sys
+import jax
+jax.config.update("jax_compilation_cache_dir", sys.argv[1])
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+from elitelanes_jax import use_compile_cache
+use_compile_cache()
+print(jax.jit(lambda x: x * 3 + 1)(1.0))
+"""
+
+
+@pytest.mark.slow
+def test_a_program_of_jax_that_was_cut_off_is_made_anew_without_a_word(tmp_path):
+    def output():
+        ran = subprocess.run(
+            [sys.executable, "-c", CACHED, tmp_path], capture_output=True, text=True, check=True, env=os.environ
+        )
+        return ran.stdout + ran.stderr
+
+    assert output() == "4.0\n"
+    (file,) = tmp_path.glob("jit__lambda*-cache")
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])
+    assert output() == "4.0\n"
+    assert len(file.read_bytes()) == len(whole)
 
 
 @pytest.mark.filterwarnings("ignore:Error writing persistent compilation cache")
@@ -358,7 +437,7 @@ def end(process):
 def test_a_second_process_compiles_nothing(tmp_path):
     """The file keeps its place on disk, which every new one changes."""
     first = end(start(tmp_path))
-    (file,) = (tmp_path / "exported").iterdir()
+    (file,) = (tmp_path / "searches").iterdir()
     before = file.stat().st_ino
     second = end(start(tmp_path))
     assert first == second and first[0] == 0 and first[2] == ""
@@ -382,22 +461,5 @@ def test_processes_that_start_at_once_and_are_killed_leave_no_wrong_file(tmp_pat
             code, out, err = end(process)
             assert (code, out, err) == expected or (process in killed and code == -signal.SIGKILL)
         assert end(start(cache)) == expected
-        for file in (cache / "exported").iterdir():
+        for file in (cache / "searches").iterdir():
             assert file.name.startswith(".") or load(file) is not None
-
-
-def test_searches_in_threads_keep_their_own_numbers():
-    """Searches that share programs also share their latest numbers, which another thread may replace at any time."""
-
-    class Interleaved(Programs):
-        def __setattr__(self, name, value):
-            super().__setattr__(name, value)
-            if name == "_last_numbers" and value is not None and value[0] == 1:
-                self.put_numbers([np.float32(20)], 2)
-
-    keys = keys_of_seeds(0, range(2)).data
-    setup = make_setup(
-        resolve(SearchSpec(method="ea"), SHAPE), None, "threefry2x32", factory=ea, kernels={}, fitness=None
-    )
-    programs = Interleaved(setup, keys, False, jax.local_devices()[:1], False, None)
-    assert [float(number) for number in programs.put_numbers([np.float32(10)], 1)] == [10]
