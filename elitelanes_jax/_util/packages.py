@@ -1,13 +1,18 @@
 """The versions of this package and of others, and imports of packages that may not be installed."""
 
 import platform
+from functools import cache
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as read_version
 from types import ModuleType
 
 from elitelanes_jax._util.errors import MissingPackageError
 
 __version__ = "0.1.0"
+
+# Reading a version takes 2 ms, and a command asks for five of them several times.
+version = cache(read_version)
 
 # The names of packages with OpenCV; the first one that is installed counts.
 _OPENCV = (

@@ -159,9 +159,9 @@ def _history_values(history: "History", blob: _Blob) -> dict[str, Plain] | None:
         return None
     # More steps than pixels would not be seen. The first and the last step are always kept.
     steps = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int))
-    # A history of one seed has one axis. The page reads a row for each seed.
-    best = np.atleast_2d(history.best_fitness)[:, steps]
-    elites = np.atleast_2d(history.elite_count)[:, steps]
+    # The page reads a row for each seed.
+    best = history.best_fitness[:, steps]
+    elites = history.elite_count[:, steps]
     # The fitness of a vacant slot is not the fitness of a grid.
     best = np.where(best == vacant_fitness(best.dtype), np.inf, best)
     return {

@@ -71,8 +71,9 @@ class ShownRun(NamedTuple):
 
 def from_result(result: "Result", name: str) -> ShownRun:
     """Returns the elites and the history of a result."""
+    result = result.with_seed_axis()
     elites = result.elites
-    # The mask has shape [N], or [S, N] for several seeds. It is False in vacant niches.
+    # The mask has shape [S, N]. It is False in vacant niches.
     valid = np.asarray(elites.valid)
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
@@ -81,13 +82,6 @@ def from_result(result: "Result", name: str) -> ShownRun:
     # Stubs and empty cells are counted by metrics of their own, and not by off_alphabet.
     if alphabet is not None:
         alphabet = alphabet + KINDS["end"] + KINDS["empty"]
-    if valid.ndim > 1:
-        # This order is that of `values[valid]` below.
-        seed_of_elites = np.nonzero(valid)[0]
-        seeds = len(valid)
-    else:
-        seed_of_elites = np.zeros(valid.sum(), int)
-        seeds = 1
     # Values of vacant niches are left out everywhere, so that all arrays have one entry per elite.
     features = {}
     for feature, values in elites.features.items():
@@ -102,8 +96,9 @@ def from_result(result: "Result", name: str) -> ShownRun:
         name,
         grids=np.asarray(elites.grids)[valid],
         fitness=np.asarray(elites.fitness)[valid],
-        seed=seed_of_elites,
-        seeds=seeds,
+        # This order is that of `values[valid]`.
+        seed=np.nonzero(valid)[0],
+        seeds=len(valid),
         axes=search.axes,
         weights=search.weights._asdict() | dict(search.settings.weights),
         alphabet=alphabet,

@@ -4,11 +4,13 @@ The folder has the chosen maps of a search, their files, and the run's record.
 """
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import jax
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, path
@@ -23,7 +25,7 @@ from elitelanes_jax.maps.choosing import choose_enough, describe_archive, descri
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
 from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.search.keys import keys_of_seeds
+from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
 from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
@@ -35,17 +37,15 @@ _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
 
 
 class Evolved(NamedTuple):
-    """A run with its result, and the figures of the search for its record.
+    """The result of a run's search, and the figures for its record.
 
     Attributes:
-      run: the planned run.
-      result: the result of its search.
+      result: the result.
       seconds: the seconds that the search took.
       speed: the median of the evaluations per second; None without generations.
       device: the kind of the device.
     """
 
-    run: PlannedRun
     result: Result
     seconds: float
     speed: int | None
@@ -98,21 +98,24 @@ def generate_planned(
     The other arguments, and the errors, are those of `generate`.
     """
     out = Path(check_named("out", path, out))
+    spec, search = run.spec, run.search
     # A folder that contains one of these files is not replaced.
-    inputs = [*run.spec.inputs, *run.search.inputs]
+    inputs = [*spec.inputs, *search.inputs]
     with output_folder(
         out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force
     ) as work:
-        _announce_search(run)
+        _announce_search(spec, search)
+        # The key of a seed depends on its index, so a part evolves the same elites as the whole
+        # run.
+        keys = keys_of_seeds(spec.seed, spec.seed_indices)
         if pool is None:
-            evolved = _evolve(run, work.kept / "search")
+            evolved = _evolve(search, keys, work.kept / "search")
         else:
-            evolved = _evolve_on(pool, run, work.kept / "parts")
-        return write_run(work.files, evolved)
+            evolved = _evolve_on(pool, search, keys, work.kept / "parts")
+        return write_run(work.files, run, evolved)
 
 
-def _announce_search(run: PlannedRun) -> None:
-    spec, search = run.spec, run.search
+def _announce_search(spec: GenerateSpec, search: Search) -> None:
     maps = pluralize(spec.maps, "map")
     if spec.part is not None:
         maps = "part {} of {} of a run for maps".format(*spec.part)
@@ -123,54 +126,45 @@ def _announce_search(run: PlannedRun) -> None:
     )
 
 
-def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
-    """Evolves the seeds of a run, and keeps the checkpoint if the search was long."""
-    spec, search = run.spec, run.search
+def _evolve(search: Search, keys: SearchKeys, checkpoint: Path) -> Evolved:
+    """Evolves a search, and keeps the checkpoint if it took long."""
     start = time.perf_counter()
-    # The key of a seed depends on its index, so a part evolves the same elites as the whole run.
-    keys = keys_of_seeds(spec.seed, spec.seed_indices)
     result = evolve_search(search, keys, checkpoint=checkpoint, every=_SECONDS_A_CHECKPOINT)
     # A short search is repeated instead of kept if the rest of the run fails.
     if result.history.seconds < _WORTH_KEEPING:
         remove(checkpoint)
-    speeds = result.history.evaluations_per_second
-    return Evolved(
-        run=run,
-        result=result,
-        # The history also has the seconds before a search was resumed.
-        seconds=max(time.perf_counter() - start, result.history.seconds),
-        speed=round(float(np.median(speeds))) if speeds.size else None,
-        device=jax.devices()[0].device_kind,
-    )
+    # The history also has the seconds before a search was resumed.
+    seconds = max(time.perf_counter() - start, result.history.seconds)
+    speed = median_speed(result.history.evaluations_per_second)
+    return Evolved(result, seconds, speed, jax.devices()[0].device_kind)
 
 
-def _evolve_on(pool: Pool, run: PlannedRun, folder: Path) -> Evolved:
-    """Evolves the seeds of a run on an executor's workers.
+def _evolve_on(pool: Pool, search: Search, keys: SearchKeys, folder: Path) -> Evolved:
+    """Evolves a search on an executor's workers.
 
     The parts are kept if the search was long. The seconds are the sum over the parts, as in
     `merge`.
     """
-    keys = keys_of_seeds(run.spec.seed, run.spec.seed_indices)
-    parts = evolve_parts(run.search, keys, pool, folder=folder)
+    parts = evolve_parts(search, keys, pool, folder=folder)
     seconds = sum(part.seconds for part in parts)
     if seconds < _WORTH_KEEPING:
         remove(folder)
     speeds = np.concatenate([part.result.history.evaluations_per_second for part in parts])
-    return Evolved(
-        run=run,
-        result=join_evolved_parts(parts),
-        seconds=seconds,
-        speed=round(float(np.median(speeds))) if speeds.size else None,
-        device=", ".join(sorted({part.device for part in parts})),
-    )
+    device = ", ".join(sorted({part.device for part in parts}))
+    return Evolved(join_evolved_parts(parts), seconds, median_speed(speeds), device)
 
 
-def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
+def median_speed(speeds: Sequence[float] | NDArray[np.float64]) -> int | None:
+    """Returns the median of speeds as the record has it; None without any."""
+    return round(float(np.median(speeds))) if len(speeds) else None
+
+
+def write_run(folder: Path, run: PlannedRun, evolved: Evolved) -> list[RoadMap]:
     """Chooses the maps of a run, and writes them, its archive and its record; returns the maps.
 
     For a part of a run, only the archive and the record are written. Raises `NotEnoughMapsError`.
     """
-    spec, search, tiles = evolved.run
+    spec, search, tiles = run
     start = time.perf_counter()
     # A part lacks the elites of other seeds. `merge` chooses among those of all parts.
     choice = None

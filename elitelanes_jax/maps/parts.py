@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, none_or, path, path_exists, paths, real
 from elitelanes_jax._util.errors import InputError, list_some, shorten
@@ -15,7 +13,7 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.choosing import describe_archive
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps
-from elitelanes_jax.maps.generation import Evolved, write_run
+from elitelanes_jax.maps.generation import Evolved, median_speed, write_run
 from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
 from elitelanes_jax.search.joining import join_parts_of_run
@@ -53,10 +51,10 @@ def merge(
     with output_folder(
         out, {"command": "merge"}, inputs=folders, foreign=foreign_to_maps, force=force
     ) as work:
-        return write_run(work.files, read_and_join_parts(folders))
+        return write_run(work.files, *_read_and_join_parts(folders))
 
 
-def read_and_join_parts(folders: Sequence[Path]) -> Evolved:
+def _read_and_join_parts(folders: Sequence[Path]) -> tuple[PlannedRun, Evolved]:
     """Joins all parts of a run, in any order; the result has no state to continue from.
 
     Raises `InputError`.
@@ -77,15 +75,14 @@ def read_and_join_parts(folders: Sequence[Path]) -> Evolved:
         archive = record_by_folder[folder].get("archive")
         results.append(_read_archive(folder, run, (index, count), archive))
     speeds = [record["times"]["evaluations_per_second"] for record in records]
-    # A part without generations has no speed.
-    known = [speed for speed in speeds if speed is not None]
-    return Evolved(
-        run=run,
+    evolved = Evolved(
         result=join_parts_of_run(results),
         seconds=sum(record["times"]["seconds"]["evolve"] for record in records),
-        speed=round(float(np.median(known))) if known else None,
+        # A part without generations has no speed.
+        speed=median_speed([speed for speed in speeds if speed is not None]),
         device=", ".join(sorted({record["device"] for record in records})),
     )
+    return run, evolved
 
 
 def _identity(record: dict[str, Plain]) -> dict[str, Plain]:

@@ -184,7 +184,7 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
     settings = first.settings
     # A range of the choice overrides the range of the search for the same feature.
     ranges = {item.name: item for item in settings.where}
-    for item in parse_ranges(map(str, spec.where), settings.features):
+    for item in parse_ranges(spec.where, settings.features):
         ranges[item.name] = item
     options: dict[str, UserValue] = {"where": tuple(ranges.values())}
     if spec.rules is not None:

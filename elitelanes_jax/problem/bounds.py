@@ -9,6 +9,7 @@ value inside need not occur.
 import re
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
+from functools import lru_cache
 from math import ceil, isqrt, prod
 from typing import NamedTuple
 
@@ -319,6 +320,22 @@ def check_feasible(
             # further tile.
             certain["crossings"] = 0
         check_ranges(where, find_bounds(shape, certain), maps)
+
+
+@lru_cache(maxsize=32)
+def check_ranges_of_grids(
+    where: tuple[Range, ...], shape: tuple[int, int], *, filled: bool
+) -> None:
+    """Checks ranges against the bounds of repaired grids; `filled` as for `check_feasible`.
+
+    The result is cached, because a search that is repeated for other seeds is checked again.
+    """
+    known_metrics: dict[str, int] = {}
+    # A repair that fills leaves no dead ends and no empty cells.
+    if filled:
+        known_metrics = {"dead_ends": 0, "empty_cells": 0}
+    grids = f"repaired grids of {shape[0]} x {shape[1]}"
+    check_ranges(where, find_bounds(shape, known_metrics), grids)
 
 
 def _check_fixed(fix: FixedCells, rules: str | None) -> None:

@@ -55,6 +55,17 @@ class Axis(NamedTuple):
     target: int | None = None
 
 
+_PAPER_AXES = (
+    Axis("cyclomatic", 25),
+    Axis("components", 2, 1, start=1),
+    Axis("dead_ends", 2, 1),
+    Axis("adjacent_crossings", 2, 1),
+    Axis("adjacent_turns", 2, 1),
+)
+
+_TUNED_AXES = (_PAPER_AXES[0], *(flag._replace(target=0) for flag in _PAPER_AXES[1:]))
+
+
 @name_wrong_arguments
 def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     """Returns the paper's space of 400 niches: 25 bins of the cyclomatic number and four flags.
@@ -63,15 +74,7 @@ def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     width of 2 at 12 x 12 that grows with the grid's area covers the values in the paper's archive.
     Raises `InputError` for a bad shape.
     """
-    shape = check_shape(shape)
-    width = max(1, round(2 * shape[0] * shape[1] / 144))
-    return (
-        Axis("cyclomatic", 25, width),
-        Axis("components", 2, 1, start=1),
-        Axis("dead_ends", 2, 1),
-        Axis("adjacent_crossings", 2, 1),
-        Axis("adjacent_turns", 2, 1),
-    )
+    return complete_axes(None, "paper", check_shape(shape))
 
 
 @name_wrong_arguments
@@ -81,12 +84,26 @@ def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     The target of each flag is its favourable value. At 12 x 12 bins of the cyclomatic number have
     width 1: 0 to 23, and 24 or more.
     """
-    cyclomatic, *flags = paper_axes(shape)
-    width = default_width("cyclomatic", cyclomatic.bins, shape)
-    axes = [cyclomatic._replace(width=width)]
-    for flag in flags:
-        axes.append(flag._replace(target=0))
-    return tuple(axes)
+    return complete_axes(None, "tuned", check_shape(shape))
+
+
+def complete_axes(
+    axes: tuple[Axis, ...] | None, preset: str, shape: tuple[int, int]
+) -> tuple[Axis, ...]:
+    """Returns checked axes, or if there are none those of a preset, with widths for a shape.
+
+    Width 0 is replaced by the default width on grids of the shape.
+    """
+    if not axes:
+        axes = _TUNED_AXES
+        if preset not in ("tuned", "irregular"):
+            width = max(1, round(2 * shape[0] * shape[1] / 144))
+            axes = (_PAPER_AXES[0]._replace(width=width), *_PAPER_AXES[1:])
+    completed = []
+    for axis in axes:
+        width = axis.width or default_width(axis.metric, axis.bins, shape)
+        completed.append(axis._replace(width=width))
+    return tuple(completed)
 
 
 def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[Axis, ...]:
@@ -123,15 +140,8 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
 def resolve_axes(
     axes: UserValue, shape: tuple[int, int], features: Collection[str] | None = ()
 ) -> tuple[Axis, ...]:
-    """Reads axes as `parse_axes` does, and fills in default widths.
-
-    Width 0 is replaced by the default width on grids of a shape.
-    """
-    resolved = []
-    for axis in parse_axes(axes, features):
-        width = axis.width or default_width(axis.metric, axis.bins, shape)
-        resolved.append(axis._replace(width=width))
-    return tuple(resolved)
+    """Reads axes as `parse_axes` does, and fills in default widths on grids of a shape."""
+    return complete_axes(parse_axes(axes, features), "paper", shape)
 
 
 def compute_descriptor(

@@ -188,7 +188,7 @@ def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[
 
 def _read_range(item: UserValue, features: Collection[str] | None) -> Range:
     if isinstance(item, Range):
-        return _range("where", item.name, (item.low, item.high), features)
+        return _range(f"where {str(item)!r}", item.name, (item.low, item.high), features)
     return _parse(item, features)
 
 

@@ -51,13 +51,14 @@ def _take_in_turn(devices: Sequence[jax.Device], count: int) -> list[jax.Device]
 
 
 def device_of_each_part(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
-    """Returns a device for each part that `cut` makes of rows; there may be fewer parts.
+    """Returns a device for each of the parts of equal size that rows are cut into.
 
     No part on a processor has more than `_MOST_ROWS` rows, so a device may have several parts.
     """
-    on_processor = all(device.platform == "cpu" for device in devices)
-    if not on_processor:
-        return list(devices)
-    # Each device takes as many parts as it needs to keep each part small. The division rounds up.
-    rounds = -(-rows // (_MOST_ROWS * len(devices)))
-    return list(devices) * rounds
+    devices = list(devices)
+    if all(device.platform == "cpu" for device in devices):
+        # Each device takes as many parts as it needs to keep each part small. Divisions round up.
+        devices *= -(-rows // (_MOST_ROWS * len(devices)))
+    # Parts of equal size may need fewer devices: 9 rows on 4 devices are 3 parts of 3 rows.
+    size = -(-rows // len(devices))
+    return devices[: -(-rows // size)]

@@ -23,7 +23,7 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -70,18 +70,6 @@ Without `jit` JAX refuses to run compiled programs.
 """
 
 
-class PartRows(NamedTuple):
-    """How rows are cut into parts.
-
-    Attributes:
-      rows: the number of rows in each part.
-      parts: the number of parts.
-    """
-
-    rows: int
-    parts: int
-
-
 class Programs:
     """The programs of a search, for arguments of given shapes; see `find_programs`.
 
@@ -107,16 +95,15 @@ class Programs:
     ):
         self._shape = setup.problem.shape
         self._seeds = len(keys)
-        if self._seeds == 1 or setup.key_kind != THREEFRY:
+        if setup.key_kind != THREEFRY:
             # Seeds can be divided only if a seed draws the same bits alone and among others. The
             # bits of keys of other kinds depend on the whole batch.
-            devices = devices_of_parts = [devices[0]]
+            self._devices = [devices[0]]
         else:
-            devices_of_parts = device_of_each_part(devices, self._seeds)
-        rows, part_count = part_rows(self._seeds, devices_of_parts)
+            self._devices = device_of_each_part(devices, self._seeds)
         self._workers = len(devices)
-        # With fewer seeds than devices, there are fewer parts than devices.
-        self._devices = devices_of_parts[:part_count]
+        # The division rounds up.
+        rows = -(-self._seeds // len(self._devices))
         # The cells that this process has evaluated with these programs.
         self._evaluated_cells = 0
         file = None
@@ -287,30 +274,22 @@ def _find(
     return Programs(setup, keys, devices, floats, folder)
 
 
-def part_rows(rows: int, devices: Sequence[jax.Device]) -> PartRows:
-    """Returns how `cut` cuts rows into parts. `rows` is the number of all rows."""
-    # Both divisions round up. Parts of this size may need fewer devices: 9 rows on 4 devices are 3
-    # parts of 3 rows.
-    size = -(-rows // len(devices))
-    return PartRows(size, parts=-(-rows // size))
-
-
 def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
-    """Cuts arrays ``[S, ...]`` into parts with equally many rows, and puts each part on its device.
+    """Cuts arrays ``[S, ...]`` into parts with equally many rows, one for each device.
 
     If the rows do not divide evenly, the last parts repeat the last row. All parts have one size,
     so one program serves them, and a part with repeated rows takes no longer than the first part.
-    There may be fewer parts than devices.
     """
-    rows = len(jax.tree.leaves(tree)[0])
-    size, count = part_rows(rows, devices)
-    if count == 1:
+    if len(devices) == 1:
         return [_put(tree, devices[0])]
+    rows = len(jax.tree.leaves(tree)[0])
+    # The division rounds up.
+    size = -(-rows // len(devices))
     # The indices of the rows of all parts. Those beyond the end are the last row's.
-    indices = np.minimum(np.arange(count * size), rows - 1).reshape(count, size)
+    indices = np.minimum(np.arange(len(devices) * size), rows - 1).reshape(-1, size)
     tree = jax.tree.map(to_numpy, tree)
     parts = []
-    for indices_of_part, device in zip(indices, devices[:count], strict=True):
+    for indices_of_part, device in zip(indices, devices, strict=True):
         part = jax.tree.map(itemgetter(indices_of_part), tree)
         parts.append(_put(part, device))
     return parts

@@ -5,7 +5,6 @@ All later steps read the resulting record.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Literal, TypeAlias
 
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
@@ -19,8 +18,8 @@ from elitelanes_jax.network.records import (
     check_weights,
     largest_side,
 )
-from elitelanes_jax.problem.bounds import check_feasible, check_ranges, find_bounds
-from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes, tuned_axes
+from elitelanes_jax.problem.bounds import check_feasible, check_ranges_of_grids
+from elitelanes_jax.problem.descriptor import Axis, complete_axes
 from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for, largest_addend
 from elitelanes_jax.problem.fixed_cells import check_fits
 from elitelanes_jax.problem.inventory import within_inventory
@@ -296,7 +295,7 @@ def _complete(settings: Settings, shape: tuple[int, int]) -> Search:
         settings=settings,
         alphabet=settings.alphabet or ROAD_ALPHABET,
         fills=fills,
-        axes=_axes(settings, shape),
+        axes=complete_axes(settings.axes, settings.preset, shape),
         ranges=ranges,
         measured=measured,
         weights=_metric_weights(settings),
@@ -320,15 +319,6 @@ def _feature_weights(settings: Settings, measured: tuple[str, ...]) -> tuple[int
     if not any(weights):
         return None
     return weights
-
-
-def _axes(settings: Settings, shape: tuple[int, int]) -> tuple[Axis, ...]:
-    """Returns the axes of the niches: those asked for, otherwise those of the preset."""
-    if settings.axes:
-        return resolve_axes(settings.axes, shape, settings.features)
-    if settings.preset in ("tuned", "irregular"):
-        return tuned_axes(shape)
-    return paper_axes(shape)
 
 
 def _measured(settings: Settings, ranges: tuple[Range, ...]) -> tuple[str, ...]:
@@ -403,10 +393,11 @@ def _check_fitness(search: Search, shape_name: str) -> None:
     """Checks that the fitness of each grid of the shape has 32 bits."""
     weights = search.settings.weights
     penalty = largest_penalty(len(search.ranges), search.feature_names)
+    addend = largest_addend(weights, search.shape)
     # If the user gave weights, the message names them. Otherwise the grid is too large for the
     # default weights, and the message says which size fits.
     try:
-        check_weights(search.weights, search.shape, penalty + largest_addend(weights, search.shape))
+        check_weights(search.weights, search.shape, penalty + addend)
     except InputError:
         if weights:
             raise
@@ -434,18 +425,4 @@ def _check_constraints(search: Search, room_for: Room) -> None:
             alphabet=search.settings.alphabet,
         )
     elif room_for == "grids":
-        _check_ranges_of_grids(search.ranges, search.shape, search.fills_all_cells)
-
-
-@lru_cache(maxsize=32)
-def _check_ranges_of_grids(ranges: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
-    """Checks ranges against the bounds of the metrics of repaired grids.
-
-    The result is cached, because a search that is repeated for other seeds is checked again.
-    """
-    known_metrics: dict[str, int] = {}
-    # A repair that fills leaves no dead ends and no empty cells.
-    if filled:
-        known_metrics = {"dead_ends": 0, "empty_cells": 0}
-    bounds = find_bounds(shape, known_metrics)
-    check_ranges(ranges, bounds, f"repaired grids of {_size_text(shape)}")
+        check_ranges_of_grids(search.ranges, search.shape, filled=search.fills_all_cells)

@@ -21,7 +21,7 @@ from elitelanes_jax import InputError, use_cores
 from elitelanes_jax._util import threads
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax.cli.main import make_parser
-from elitelanes_jax.search._devices import choose_devices
+from elitelanes_jax.search._devices import choose_devices, device_of_each_part
 from elitelanes_jax.search._programs import Programs, cut, join
 
 CPU = jax.devices("cpu")[0]
@@ -89,7 +89,7 @@ def test_keys_that_depend_on_those_beside_them_stay_together():
 @given(rows=st.integers(1, 12), count=st.integers(1, 15))
 def test_parts_have_one_size_and_make_the_whole(rows, count):
     tree = {"numbers": np.arange(rows * 2).reshape(rows, 2), "flags": np.arange(rows) % 3 == 0}
-    parts = cut(tree, [CPU] * count)
+    parts = cut(tree, device_of_each_part([CPU] * count, rows))
     assert len({len(part["flags"]) for part in parts}) == 1
     assert len(parts) <= min(rows, count)
     assert len(parts[0]["flags"]) == -(-rows // count)  # as short as can be
