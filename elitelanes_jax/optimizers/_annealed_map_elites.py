@@ -363,7 +363,11 @@ class _Method:
 
 
 def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> Int32[Array, ""]:
-    """Returns the steps of a cycle from an elite, so that no cycle exceeds `LONGEST_CYCLE`."""
+    """Returns the number of steps of a cycle that begins with an elite.
+
+    A cycle that begins with a random grid is `restart_length` times as long. Neither has more than
+    `LONGEST_CYCLE` steps.
+    """
     length = config.annealing.cycle
     if length is None:
         length = max(16, config.annealing.first_cycle(shape) // 32)

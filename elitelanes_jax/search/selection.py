@@ -334,14 +334,19 @@ def _choose(
 def _spread(
     points: NDArray[np.float64], seeds: NDArray[np.int_], maps_of_seed: Counter[int]
 ) -> _Round:
-    """Orders maps at points: a round yields a map of each point.
+    """Returns rounds that spread the chosen maps over their niches and seeds.
 
-    The maps are sorted, fittest first. They are at `points` ``[M, D]``, and were found by `seeds`
-    ``[M]``.
+    Each niche is a point in the space of the axes. A round visits each point once, and yields one
+    of its maps. It begins with the point of the fittest map. The next point is always the one that
+    is farthest from all points before it.
 
-    If a round has fewer maps than points, the next point is always the farthest from those before.
-    A point yields a map of the seed that has given the fewest so far, because maps of one seed are
-    related. `maps_of_seed` has the number of maps that each seed has given, and is updated.
+    A point yields a map of the seed with the fewest maps so far, because maps of one seed are
+    related. Of several such maps it yields the fittest.
+
+    Args:
+      points: the point of each map, ``[M, D]``; the fittest map is first.
+      seeds: the seed that found each map, ``[M]``.
+      maps_of_seed: the number of maps that each seed has yielded; the rounds update it.
     """
 
     def order(difference: NDArray[np.float64], share: float) -> Iterator[int]:
