@@ -1,13 +1,14 @@
 """Records of options: frozen dataclasses that check each field when they are created.
 
 A field is one line: its default and its check. The command line makes its options from the same
-lines (`elitelanes_jax.cli.arguments`). Records that JAX traces are in
-`elitelanes_jax.network.pytrees`.
+lines (`elitelanes_jax.cli.arguments`). `elitelanes_jax.network.pytrees` registers records that JAX
+traces.
 """
 
 import inspect
 import os
 import re
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, field, fields, replace
@@ -15,9 +16,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple, Self
 
-from elitelanes_jax._util.checks import check_named, instance, path_exists
+import numpy as np
+
+from elitelanes_jax._util.checks import (
+    Check,
+    check_named,
+    frozen_copy,
+    instance,
+    is_whole,
+    path_exists,
+)
 from elitelanes_jax._util.errors import InputError, suggest
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Numeric, Untyped, UserValue
 
 REQUIRED = MISSING
 """The default of a required field."""
@@ -58,6 +68,60 @@ def option(
 def nested(default: "Record") -> UserValue:
     """Declares a field with another record."""
     return option(default, instance(type(default)))
+
+
+def static(default: UserValue, check: Check) -> UserValue:
+    """Declares a field for each of whose values `jax.jit` compiles a program."""
+    return field(default=default, metadata={"option": Option(check), "static": True})
+
+
+def traced(default: UserValue, check: Check, each: Check | None = None) -> UserValue:
+    """Declares a field with a number or an array. One program serves all values.
+
+    See `number_or_array` for `each`.
+    """
+    return option(default, number_or_array(check, each, whole=is_whole(default)))
+
+
+def number_or_array(check: Check, each: Check | None = None, *, whole: bool = False) -> Check:
+    """Makes a check for a number, or an array of numbers that each pass the check.
+
+    Within a transformation an array may be a tracer. Its numbers are not known, so only its dtype
+    is checked.
+
+    Args:
+      check: checks what is no array.
+      each: checks a number of an array, where `check` takes several numbers.
+      whole: whether the numbers are whole.
+    """
+    kind, expected = (np.integer, "whole numbers") if whole else (np.number, "numbers")
+    check_each = each or check
+
+    def check_value(value: UserValue) -> UserValue:
+        # Records of options that nobody traces must not wait for JAX. A value of JAX exists only
+        # after JAX was loaded.
+        jax: Untyped = sys.modules.get("jax")
+        of_jax = jax is not None and isinstance(value, jax.Array)
+        if not of_jax and not isinstance(value, np.ndarray):
+            return check(value)
+        numpy = jax.numpy if of_jax else np
+        if not numpy.issubdtype(value.dtype, kind) or numpy.iscomplexobj(value):
+            raise InputError(f"expected {expected}, got {value.dtype} {list(value.shape)}")
+        if not (of_jax and isinstance(value, jax.core.Tracer)) and value.size:
+            numbers = np.asarray(jax.device_get(value) if of_jax else value)
+            check_each(_number(numbers.min()))
+            check_each(_number(numbers.max()))
+        return frozen_copy(value)
+
+    return check_value
+
+
+def _number(number: Numeric) -> int | float:
+    """Returns a number of NumPy as one of Python, a float as its shortest text says it.
+
+    So 0.1 of float32, which is 0.100000001, does not exceed a limit of 0.1.
+    """
+    return int(number) if isinstance(number, np.integer) else float(str(number))
 
 
 class Record:

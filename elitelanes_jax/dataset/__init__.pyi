@@ -1,4 +1,4 @@
-from ._samples import draw_sample as draw_sample
+from ._sampling import draw_sample as draw_sample
 from .joining import merge_dataset as merge_dataset
 from .make import make_dataset as make_dataset
 from .spec import DatasetSpec as DatasetSpec

@@ -4,9 +4,10 @@ Samples are drawn in threads here or on the workers of an executor.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -21,7 +22,8 @@ from elitelanes_jax._util.files import new_file, write_atomic
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._layouts import Layout, find_layout, write_sample
-from elitelanes_jax.dataset._samples import Sample, draw_sample
+from elitelanes_jax.dataset._samples import Sample, SampleSettings
+from elitelanes_jax.dataset._sampling import Drawer, make_drawer
 from elitelanes_jax.dataset._shards import ShardFields, ShardSample, encode_sample
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
@@ -163,7 +165,8 @@ def record_line(index: int, record: dict[str, Plain]) -> bytes:
     return f"{index}\t{json.dumps(record)}\n".encode()
 
 
-class Drawing(NamedTuple):
+@dataclass(frozen=True)
+class Drawing:
     """What samples are drawn from.
 
     Attributes:
@@ -185,27 +188,33 @@ class Drawing(NamedTuple):
         """The layout of the dataset."""
         return find_layout(self.spec.format)
 
-    def draw(self, index: int) -> Sample:
-        """Draws a sample."""
-        spec, road_map = self.spec, self.maps[index // self.spec.views]
-        if spec.furnish is not None:
-            # Each view of a map has objects of its own, from the seed of the dataset and the index
-            # of the sample.
-            seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
-            place = partial(
-                furnish, spec=spec.furnish, seed=seed, lane_offset=self.tiles.lane_offset
-            )
-            road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
-        return draw_sample(
-            road_map,
-            self.tiles,
-            index,
-            seed=spec.seed,
-            tile_px=spec.pixels,
-            transforms=spec.transforms,
-            camera=spec.camera,
-            objects=self.objects,
+    def groups(self, indices: Sequence[int]) -> list[Sequence[int]]:
+        """Divides samples into groups that are drawn together."""
+        most = self._drawer.at_once
+        return [indices[start : start + most] for start in range(0, len(indices), most)]
+
+    def draw(self, indices: Sequence[int]) -> list[Sample]:
+        """Draws the samples of a group."""
+        return self._drawer.draw([self._map_of(index) for index in indices], indices)
+
+    @cached_property
+    def _drawer(self) -> Drawer:
+        spec = self.spec
+        settings = SampleSettings(
+            self.tiles, spec.seed, spec.pixels, spec.transforms, spec.camera, self.objects
         )
+        return make_drawer(settings, self.maps.values())
+
+    def _map_of(self, index: int) -> RoadMap:
+        """Returns the map of a sample, furnished for the sample."""
+        spec, road_map = self.spec, self.maps[index // self.spec.views]
+        if spec.furnish is None:
+            return road_map
+        # Each view of a map has objects of its own, from the seed of the dataset and the index of
+        # the sample.
+        seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
+        place = partial(furnish, spec=spec.furnish, seed=seed, lane_offset=self.tiles.lane_offset)
+        return check_named(f"furnish: map {index // spec.views}", place, road_map)
 
 
 Ended = Callable[[int], object]
@@ -361,18 +370,24 @@ def _draw_pictures(
     layout = drawing.layout
     block.records.parent.mkdir(parents=True, exist_ok=True)
 
-    def draw(index: int) -> bytes:
-        sample = drawing.draw(index)
-        write_sample(sample, layout, block.split, files)
-        return record_line(index, sample.record | layout.note(sample))
+    def draw(group: Sequence[int]) -> list[bytes]:
+        lines = []
+        for index, sample in zip(group, drawing.draw(group), strict=True):
+            write_sample(sample, layout, block.split, files)
+            lines.append(record_line(index, sample.record | layout.note(sample)))
+        return lines
 
     with block.records.open("ab") as records:
         # Only the thread that writes the file calls this function, so lines do not mix.
-        def complete(line: bytes) -> None:
-            records.write(line)
-            ended(1)
+        def complete(lines: list[bytes]) -> None:
+            records.writelines(lines)
+            ended(len(lines))
 
-        side_by_side((partial(draw, index) for index in indices), workers=workers, ended=complete)
+        side_by_side(
+            (partial(draw, group) for group in drawing.groups(indices)),
+            workers=workers,
+            ended=complete,
+        )
 
 
 def _draw_shard(
@@ -385,12 +400,13 @@ def _draw_shard(
     layout, lines = drawing.layout, []
     assert layout.open_shard is not None
     # Threads end in any order, but a shard has its samples in order. Samples that are drawn before
-    # an earlier one wait here. They are about as many as workers.
+    # an earlier one wait here. They are of about as many groups as workers.
     waiting: dict[int, ShardSample] = {}
     following = iter(indices)
 
-    def draw(index: int) -> None:
-        waiting[index] = encode_sample(drawing.draw(index))
+    def draw(group: Sequence[int]) -> None:
+        for index, sample in zip(group, drawing.draw(group), strict=True):
+            waiting[index] = encode_sample(sample)
 
     with new_file(files / layout.shard_file(block.split, block.number, block.total)) as part:
         part.parent.mkdir(parents=True, exist_ok=True)
@@ -409,7 +425,9 @@ def _draw_shard(
                     due = next(following, -1)
 
             side_by_side(
-                (partial(draw, index) for index in indices), workers=workers, ended=complete
+                (partial(draw, group) for group in drawing.groups(indices)),
+                workers=workers,
+                ended=complete,
             )
     write_atomic(block.records, lines)
 

@@ -47,13 +47,11 @@ class ShardFields(NamedTuple):
     Attributes:
       metrics: the names of the maps' metrics, and whether each is a whole number on all maps.
       camera: whether they are views from a robot.
-      lines: whether the camera's records have the stretch at white lines.
       objects: whether objects are drawn.
     """
 
     metrics: dict[str, bool]
     camera: bool
-    lines: bool
     objects: bool
 
 
@@ -67,10 +65,7 @@ def shard_fields(
             # A column has one type. A metric that is a fraction on one map is a column of
             # fractions.
             metrics[name] = metrics.get(name, True) and isinstance(value, int)
-    camera = spec.camera
-    return ShardFields(
-        metrics, camera is not None, camera is not None and camera.lines > 0, objects is not None
-    )
+    return ShardFields(metrics, spec.camera is not None, objects is not None)
 
 
 OpenShard = Callable[[Path, ShardFields], AbstractContextManager[Callable[[ShardSample], None]]]
@@ -187,17 +182,16 @@ def _schema(fields: ShardFields) -> Untyped:
     }
     # Only views from a robot have these columns.
     if fields.camera:
-        camera = dict.fromkeys(("height", "forward", "pitch", "field_of_view"), number) | {
-            "sky": pa.list_(whole)
-        }
+        camera = dict.fromkeys(("height", "forward", "pitch", "field_of_view", "lines"), number)
+        camera |= {"sky": pa.list_(whole), "distortion": pa.list_(number)}
         columns |= dict.fromkeys(("d", "phi", "curvature"), number) | {
             "pose": numbers("x", "y", "theta"),
             "nearest": numbers("d", "phi", "curvature"),
             "movement": pa.struct(dict.fromkeys(("row", "column", "heading", "turn"), whole)),
-            "camera": pa.struct(camera | ({"lines": number} if fields.lines else {})),
+            "camera": pa.struct(camera),
         }
     if fields.objects:
-        # The entries of an object are those of `_paste` in `_samples`.
+        # The entries of an object are those of `Sample.record`.
         thing = {"kind": text, "instance": whole, "box": box, "whole": box, "visible": number}
         columns["objects"] = pa.list_(
             pa.struct(thing | ({"distance": number} if fields.camera else {}))

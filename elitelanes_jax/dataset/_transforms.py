@@ -1,16 +1,13 @@
-"""The ranges of views of a map, and of poses of a robot and its camera."""
+"""The ranges of views of a map."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import TypeVar
 
-from elitelanes_jax._util.checks import check_unique, flag, real, whole
+from elitelanes_jax._util.checks import flag, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
-
-R = TypeVar("R", bound=Record)
+from elitelanes_jax._util.words import parse_words
 
 
 def range_ends(value: UserValue) -> Sequence[UserValue]:
@@ -136,97 +133,10 @@ def parse_transforms(texts: UserValue) -> Transforms:
     takes a mapping of fields, or a `Transforms`. Raises `InputError`.
     """
     return parse_words(
-        "transforms", Transforms(), texts, "transform", "'standard' or 'noise=0'", PRESETS
+        "transforms",
+        Transforms(),
+        texts,
+        "transform",
+        "'standard' or 'noise=0'",
+        presets=PRESETS,
     )
-
-
-def parse_words(
-    field: str,
-    defaults: R,
-    value: UserValue,
-    kind: str,
-    example: str,
-    presets: Mapping[str, R] = MappingProxyType({}),
-) -> R:
-    """Reads a record from words ``NAME=VALUE`` or from a mapping of its fields.
-
-    A record is returned unchanged. The first word may be the name of a preset. A flag is a word
-    without a value. `field`, `kind` and `example` are for messages.
-    """
-    if isinstance(value, type(defaults)):
-        return value
-    # A mapping comes from Python and names the fields directly.
-    if isinstance(value, Mapping):
-        return defaults.replace(**{str(name): setting for name, setting in value.items()})
-    words = [value] if isinstance(value, str) else value
-    if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"{field}: expected words such as {example}, got {shorten(repr(value))}")
-    # A name that is given twice has no clear value.
-    check_unique(field, kind, [word.partition("=")[0] for word in words])
-    # A preset after other words would override them without notice.
-    late_presets = [word for word in words[1:] if word in presets]
-    if late_presets:
-        raise InputError(
-            f"{field}: expected {late_presets[0]} alone or first, because it sets all {kind}s"
-        )
-    # Fields that are False by default are flags, and all others take a number.
-    flags = {
-        name.replace("_", "-"): name
-        for name in defaults.options()
-        if getattr(defaults, name) is False
-    }
-    numbers = [name for name in defaults.options() if name not in flags.values()]
-    record = defaults
-    # A preset comes first, and the words after it change single fields.
-    for word in words:
-        name, equals, number = word.partition("=")
-        if word in presets:
-            record = presets[word]
-        elif word in flags:
-            record = record.replace(**{flags[word]: True})
-        elif equals and name in numbers:
-            record = record.replace(**{name: number})
-        else:
-            settings = [f"{known}=..." for known in numbers]
-            expected = ", ".join([*presets, *flags, *settings])
-            raise InputError(f"{field}: expected some of {expected}, got {shorten(repr(word))}")
-    return record
-
-
-@dataclass(frozen=True)
-class Viewpoints(Record):
-    """Poses on the lanes of a map, and the camera there, by default gym-duckietown's.
-
-    Attributes:
-      rows: the height of a picture in pixels, 16 to 4096.
-      columns: the width of a picture in pixels, 16 to 4096.
-      offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.
-      heading: largest angle from the lane's direction in degrees, either way, 0 to 180.
-      height: the height of the camera above the ground in metres, 0.01 to 10.
-      forward: metres from the middle between the wheels ahead to the camera, -1 to 1.
-      pitch: degrees downwards, 0 to 90.
-      field_of_view: degrees, from the upper to the lower edge, 1 to 170.
-      wobble: largest change of height, pitch and field of view, either way, as a share, 0 to 0.5.
-      lines: largest stretch of a tile at its white lines, in tiles, 0 to 0.08. With 0.07 the lines
-        shift outwards by up to 0.04 and inwards by up to 0.13. The middle of the road and the
-        tile's edges stay. Positions and widths of lines differ between labs.
-    """
-
-    rows: int = option(480, whole(16, 4096))
-    columns: int = option(640, whole(16, 4096))
-    offset: float = option(0.1, real(0, 0.2))
-    heading: float = option(30.0, real(0, 180))
-    height: float = option(0.108, real(0.01, 10))
-    forward: float = option(0.066, real(-1, 1))
-    pitch: float = option(19.15, real(0, 90))
-    field_of_view: float = option(75.0, real(1, 170))
-    wobble: float = option(0.05, real(0, 0.5))
-    lines: float = option(0.0, real(0, 0.08))
-
-
-def parse_viewpoints(texts: UserValue) -> Viewpoints:
-    """Reads options such as ``["rows=120", "columns=160"]``, a mapping of them, or a `Viewpoints`.
-
-    Raises `InputError`.
-    """
-    return parse_words("camera", Viewpoints(), texts, "setting", "'rows=120'")

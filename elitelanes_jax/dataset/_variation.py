@@ -1,26 +1,21 @@
-"""What differs between pictures of one scene: background, shadows, lens, colours and compression.
+"""What differs between pictures of one scene from above: background, light, colours, compression.
+
+Compression and motion are also those of robots' views.
 
 Each step takes a random generator and a picture, uint8 ``[h, w, 3]``, RGB. Sizes of patterns are
 shares of the picture's sides, so that small and large pictures vary alike. A step samples all its
 values, so that a change of one range does not change the others.
 """
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax.dataset._transforms import VARIATION, Transforms
 
 # The grains of a pattern along each side, from coarse to fine.
 _GRAINS = (4, 16, 64)
-# The most rectangles on a background.
-_RECTANGLES = 5
-# The distance from the middle of two grey levels, in grey levels, below which 32 bits may round to
-# the wrong one.
-_DOUBT = 0.002
 # The number of samples along a streak of motion blur.
 _STREAK_SAMPLES = 25
 
@@ -34,43 +29,23 @@ def vary_background(
     rng: np.random.Generator,
     image: UInt8[NDArray, "h w 3"],
     ground: Bool[NDArray, "h w"],
-    sky: Bool[NDArray, "h w"],
-    transforms: Transforms,
+    share: float,
 ) -> UInt8[NDArray, "h w 3"]:
-    """Shows random patterns instead of plain ground and sky.
+    """Shows a random pattern instead of plain ground, in a share of the pictures.
 
-    The share `background` of the pictures gets them. `ground` has the pixels of the ground that may
-    change, and `sky` those above the horizon. The generator is this step's own: a picture that
-    keeps its background leaves the patterns unsampled.
+    `ground` has the pixels of the ground that may change. The generator is this step's own: a
+    picture that keeps its background leaves the pattern unsampled.
     """
-    if rng.uniform() >= transforms.background:
+    rows = np.flatnonzero(ground.any(axis=1))
+    if rng.uniform() >= share or not len(rows):
         return image
     shown = image.copy()
-    # All is sampled, but only the rows that are shown are painted.
-    carpet, wall = _sample_pattern(rng, ground.shape), _sample_pattern(rng, ground.shape)
-    clutter = _sample_clutter(rng, sky.shape)
-    below, above = _rows_of(ground), _rows_of(sky)
-    # The sky is shown separately, because only its pattern has rectangles.
-    if below.stop:
-        _show(shown[below], carpet.paint(below), ground[below])
-    if above.stop:
-        behind = wall.paint(slice(above.stop))
-        clutter.paint(behind)
-        _show(shown[above], behind[above], sky[above])
+    # Only the rows that are shown are painted.
+    below = slice(rows[0], rows[-1] + 1)
+    carpet = _paint_pattern(rng, ground.shape, below)
+    # OpenCV copies in a tenth of the time of an assignment.
+    cv2.copyTo(carpet, ground[below].view(np.uint8), shown[below])
     return shown
-
-
-def _rows_of(mask: Bool[NDArray, "h w"]) -> slice:
-    """Returns the rows from the first to the last one that has pixels; none for an empty mask."""
-    rows = np.flatnonzero(mask.any(axis=1))
-    return slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 0)
-
-
-def _show(
-    image: UInt8[NDArray, "h w 3"], other: UInt8[NDArray, "h w 3"], mask: Bool[NDArray, "h w"]
-) -> None:
-    """Copies the pixels of a mask to an image, in a tenth of the time of an assignment."""
-    cv2.copyTo(other, mask.view(np.uint8), image)
 
 
 def vary_light(
@@ -96,8 +71,8 @@ def vary_light(
         transforms.warmth,
     )
     # Warmth raises red as much as it lowers blue, and leaves green.
-    tone = _Tone(2**gamma, 1 + saturation, np.array([1 + warmth, 1, 1 - warmth]))
-    return tone.apply(image, light)
+    channels = 1 + warmth, 1.0, 1 - warmth
+    return _apply_tone(image, light, 2**gamma, 1 + saturation, channels)
 
 
 def _make_light(
@@ -128,65 +103,26 @@ def _make_light(
     return light
 
 
-class _Tone(NamedTuple):
-    """A change of colours.
+def _apply_tone(
+    image: UInt8[NDArray, "h w 3"],
+    light: Float[NDArray, "h w"],
+    exponent: float,
+    saturation: float,
+    channels: tuple[float, float, float],
+) -> UInt8[NDArray, "h w 3"]:
+    """Applies light, a tone curve with white at 255, saturation, and factors of the channels.
 
-    Attributes:
-      exponent: the exponent of the tone curve, over 0.
-      saturation: the factor of the colours' distance from grey, 0 or more.
-      channels: float ``[3]``, the factors of red, green and blue.
+    Each channel is an array, because loops over the last axis would have three steps.
     """
-
-    exponent: float
-    saturation: float
-    channels: Float[NDArray, " 3"]
-
-    def compute(
-        self, image: UInt8[NDArray, "*n 3"], light: Float[NDArray, "*n"]
-    ) -> UInt8[NDArray, "*n 3"]:
-        """Applies the tone to pixels under a light, in 64 bits."""
-        # The tone curve is applied to the light that reaches the camera, with white at 255.
-        colours = 255 * (image * light[..., None] / 255) ** self.exponent
-        # The mean of the channels has no colour, so it stays when the saturation changes.
-        grey = colours.mean(axis=-1, keepdims=True)
-        return _to_bytes((grey + (colours - grey) * self.saturation) * self.channels)
-
-    def apply(
-        self, image: UInt8[NDArray, "h w 3"], light: Float[NDArray, "h w"]
-    ) -> UInt8[NDArray, "h w 3"]:
-        """Returns what `compute` returns, in a fifth of the time.
-
-        Of the power of a product, one factor has 256 values. The rest is computed in 32 bits, with
-        an error of at most 0.001 grey levels. Pixels that are closer than `_DOUBT` to the middle of
-        two grey levels are computed anew. Each channel is an array, because loops over the last
-        axis would have three steps.
-        """
-        # The curve of a product is the product of the curves of colour and light.
-        curve = (255 * (np.arange(256) / 255) ** self.exponent).astype(np.float32)
-        share = light.astype(np.float32) ** np.float32(self.exponent)
-        planes = np.empty((3, *light.shape), np.float32)
-        for plane, channel in zip(planes, cv2.split(image), strict=True):
-            np.multiply(cv2.LUT(channel, curve), share, out=plane)
-        # The distance from grey is scaled: a part of the colour and a part of the mean are added.
-        grey = planes[0] + planes[1]
-        grey += planes[2]
-        grey *= np.float32((1 - self.saturation) / 3)
-        for plane, factor in zip(planes, self.channels.astype(np.float32), strict=True):
-            plane *= np.float32(self.saturation)
-            plane += grey
-            plane *= factor
-        # The fraction that rounding removes tells which pixels are in doubt.
-        rounded = np.rint(planes)
-        planes -= rounded
-        np.abs(planes, out=planes)
-        pixels = np.flatnonzero(planes > 0.5 - _DOUBT) % light.size
-        np.clip(rounded, 0, 255, out=rounded)
-        shown = np.asarray(cv2.merge([*rounded.astype(np.uint8)]), np.uint8)
-        # Few pixels are in doubt, so the slow computation of these costs little.
-        shown.reshape(-1, 3)[pixels] = self.compute(
-            image.reshape(-1, 3)[pixels], light.reshape(-1)[pixels]
-        )
-        return shown
+    # The curve of a product is the product of the curves of colour and light. The first of them has
+    # 256 values.
+    curve, share = 255 * (np.arange(256) / 255) ** exponent, light**exponent
+    planes = [cv2.LUT(plane, curve) * share for plane in cv2.split(image)]
+    # The mean of the channels has no colour, so it stays when the saturation changes.
+    grey = (planes[0] + planes[1] + planes[2]) / 3
+    for index, factor in enumerate(channels):
+        planes[index] = _to_bytes((grey + (planes[index] - grey) * saturation) * factor)
+    return np.asarray(cv2.merge(planes), np.uint8)
 
 
 def vary_motion(
@@ -237,68 +173,22 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...], grains: int) -> Flo
     return np.asarray(cv2.resize(grid, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
-class _Pattern(NamedTuple):
-    """Something like grass, carpet, concrete or a wall.
+def _paint_pattern(
+    rng: np.random.Generator, shape: tuple[int, int], rows: slice
+) -> UInt8[NDArray, "r w 3"]:
+    """Paints some rows of something like grass, carpet or concrete.
 
     A pattern has one colour, and coarse to fine noise of another one.
-
-    Attributes:
-      colour: float ``[2, 3]``, the mean colour, and the colour of the noise, RGB.
-      weights: float ``[grains]``, the weight of the noise of each grain, 0 to 1.
-      noises: float ``[h, w]`` for each grain, the noise from -1 to 1.
     """
-
-    colour: Float[NDArray, "2 3"]
-    weights: Float[NDArray, " grains"]
-    noises: list[Float[NDArray, "h w"]]
-
-    def paint(self, rows: slice) -> UInt8[NDArray, "r w 3"]:
-        """Paints some rows."""
-        first, *others = (noise[rows] for noise in self.noises)
-        field = self.weights[0] * first
-        for weight, noise in zip(self.weights[1:], others, strict=True):
-            field += weight * noise
-        # A colour at a time, because loops over the last axis would have three steps. OpenCV rounds
-        # as `np.rint` does.
-        planes = [
-            cv2.add(field * grain, base, dtype=cv2.CV_8U) for base, grain in self.colour.T.tolist()
-        ]
-        return np.asarray(cv2.merge(planes), np.uint8)
-
-
-def _sample_pattern(rng: np.random.Generator, shape: tuple[int, ...]) -> _Pattern:
     # Both colours have one grey level in common, from which the channels differ.
     colour = rng.uniform(10, 245) + rng.normal(size=(2, 3)) * [[30], [50]]
     # Squares make weak noise more frequent than strong noise.
     weights = rng.uniform(size=len(_GRAINS)) ** 2
-    return _Pattern(colour, weights, [_noise(rng, shape, grains) for grains in _GRAINS])
-
-
-class _Clutter(NamedTuple):
-    """Rectangles on a picture: furniture, doors and windows.
-
-    Attributes:
-      corners: int ``[N, 2, 2]``, row and column of the first pixel, and of the one after the last.
-      colours: uint8 ``[N, 3]``.
-    """
-
-    corners: Int[NDArray, "N 2 2"]
-    colours: UInt8[NDArray, "N 3"]
-
-    def paint(self, image: UInt8[NDArray, "h w 3"]) -> None:
-        """Paints the rectangles on a picture, or on its upper rows."""
-        for (low, high), colour in zip(self.corners, self.colours, strict=True):
-            image[low[0] : high[0], low[1] : high[1]] = colour
-
-
-def _sample_clutter(rng: np.random.Generator, shape: tuple[int, ...]) -> _Clutter:
-    """Samples up to 5 rectangles for a picture of (rows, columns)."""
-    # All rectangles are sampled, and the first ones are shown.
-    count = rng.integers(_RECTANGLES + 1)
-    centres, sides = rng.uniform(size=(_RECTANGLES, 2)), rng.uniform(0.02, 0.4, (_RECTANGLES, 2))
-    colours = rng.uniform(0, 255, (_RECTANGLES, 3))
-    # Slices from a negative index would count from the other edge, so the corners are clipped.
-    corners = (
-        (np.stack([centres - sides / 2, centres + sides / 2], axis=1) * shape).clip(0).astype(int)
-    )
-    return _Clutter(corners[:count], _to_bytes(colours[:count]))
+    first, *others = (_noise(rng, shape, grains)[rows] for grains in _GRAINS)
+    field = weights[0] * first
+    for weight, noise in zip(weights[1:], others, strict=True):
+        field += weight * noise
+    # A colour at a time, because loops over the last axis would have three steps. OpenCV rounds as
+    # `np.rint` does.
+    planes = [cv2.add(field * grain, base, dtype=cv2.CV_8U) for base, grain in colour.T.tolist()]
+    return np.asarray(cv2.merge(planes), np.uint8)

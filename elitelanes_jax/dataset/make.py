@@ -373,9 +373,9 @@ def _draw_again(
     folder: Path,
 ) -> None:
     """Draws samples of shards again as files, from which the contact sheet is made."""
-    for record in records:
-        index = record["number"]
-        write_sample(drawing.draw(index), layout, samples.split_of(index), folder)
+    for group in drawing.groups([record["number"] for record in records]):
+        for index, sample in zip(group, drawing.draw(group), strict=True):
+            write_sample(sample, layout, samples.split_of(index), folder)
 
 
 def _on_sheet(

@@ -29,11 +29,10 @@ from elitelanes_jax.dataset._transforms import (
     GEOMETRY,
     STANDARD,
     Transforms,
-    Viewpoints,
     parse_transforms,
-    parse_viewpoints,
     range_ends,
 )
+from elitelanes_jax.drive.camera_options import LaneCamera, parse_camera
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.given import GivenMaps, parse_given
 from elitelanes_jax.maps.spec import SPLITS, parse_part, parse_split
@@ -104,7 +103,7 @@ class DatasetSpec(Record):
         saturation=, warmth=SHARE, motion=PIXELS, compression=SHARE; by default standard
       camera: views from a robot on the lanes instead of views from above: alone, or with
         rows=PIXELS, columns=PIXELS, offset=TILES, heading=DEGREES, height=METRES, forward=METRES,
-        pitch=DEGREES, field_of_view=DEGREES, wobble=SHARE, lines=TILES
+        pitch=DEGREES, field_of_view=DEGREES, distortion=K1,K2, wobble=SHARE, lines=TILES
       seed: seed of everything random
       maps_from: files or folders of maps, or lists of maps such as the explorer saves, to draw
         instead of evolving maps; they determine the number of maps and the sizes
@@ -127,7 +126,7 @@ class DatasetSpec(Record):
     transforms: Transforms = option(
         STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True
     )
-    camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
+    camera: LaneCamera | None = option(None, none_or(parse_camera), "NAME=VALUE", many="*")
     seed: int = option(0, SEED, "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
     search: SearchSpec = option(_USUAL_SEARCH, instance(SearchSpec))

@@ -7,7 +7,6 @@ the ground's colour, or above the horizon the sky's. Objects stand in front of a
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -17,20 +16,24 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int32, Integer, Key, UInt8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.drive._hashing import fork, hash_normal
 from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, see_objects
+from elitelanes_jax.drive.camera_options import Camera, LaneCamera, Variation
 from elitelanes_jax.drive.lanes import Pose, single
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.bits import mix
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.pytrees import number_or_array, pytree, static, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import once
+
+# The options need no JAX. Whoever traces them needs this module.
+for _options in (Camera, LaneCamera, Variation):
+    pytree(_options)
 
 
 @name_wrong_arguments
@@ -63,61 +66,6 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
         raise InputError(f"images, labels: expected uint8, got {images.dtype} and {labels.dtype}")
     # A colour and its label are four bytes, which `render_view` reads as one word.
     return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
-
-
-_check_colour = real(0, 255)
-_check_distortion = real(-10, 10)
-
-
-def _colour(value: UserValue) -> tuple[Numeric, ...]:
-    if not isinstance(value, tuple | list) or len(value) != 3:
-        raise InputError(
-            f"expected three numbers, 0 to 255, for red, green and blue, got {shorten(repr(value))}"
-        )
-    return tuple(map(number_or_array(_check_colour), value))
-
-
-def _pair(value: UserValue) -> tuple[Numeric, ...]:
-    if not isinstance(value, tuple | list) or len(value) != 2:
-        raise InputError(f"expected two numbers, k1 and k2, got {shorten(repr(value))}")
-    return tuple(map(number_or_array(_check_distortion), value))
-
-
-@pytree
-@dataclass(frozen=True)
-class Camera(Record):
-    """Options of the camera, by default those of gym-duckietown.
-
-    A camera is a pytree: numbers may be arrays, mapped by `jax.vmap`.
-
-    Attributes:
-      height: metres above the ground.
-      forward: metres ahead of the middle between the wheels.
-      pitch: degrees downwards.
-      field_of_view: degrees, from the upper to the lower edge.
-      distortion: k1, k2 of the radial distortion x (1 + k1 r² + k2 r⁴), r in focal lengths; None
-        for none. Pixels farther out than any point is moved show the farthest point.
-      light: factor of all colours.
-      noise: standard deviation of each colour, of 255; None for none.
-      ground: red, green and blue beyond the map.
-      sky: red, green and blue above the horizon.
-      rows: the height of the picture in pixels; static.
-      columns: the width of the picture in pixels; static.
-      objects: the most objects that are shown, the nearest ones; static.
-    """
-
-    height: Numeric = traced(0.108, real(0, 10, exclusive=True))
-    forward: Numeric = traced(0.066, real(-1, 1))
-    pitch: Numeric = traced(19.15, real(-90, 90))
-    field_of_view: Numeric = traced(75.0, real(1, 170))
-    distortion: Numeric = traced(None, none_or(_pair), _check_distortion)
-    light: Numeric = traced(1.0, real(0, 10))
-    noise: Numeric = traced(None, none_or(real(0, 255)))
-    ground: Numeric = traced((86.0, 118.0, 72.0), _colour, _check_colour)
-    sky: Numeric = traced((115.0, 210.0, 255.0), _colour, _check_colour)
-    rows: int = static(48, whole(1, 4096))
-    columns: int = static(64, whole(1, 4096))
-    objects: int = static(8, whole(1, 64))
 
 
 class View(NamedTuple):
@@ -425,7 +373,8 @@ def render_view(
     instances = None
     if objects is not None and billboards is not None:
         sizes = camera.height, camera.forward, camera.objects
-        hit, index, instances = see_objects(pose, objects, objects.kind, billboards, rays, *sizes)
+        seen_objects = see_objects(pose, objects, objects.kind, billboards, rays, *sizes)
+        hit, index, instances, _ = seen_objects
         # The closure needs the pixels under the objects by another name.
         road = pixel
         pixel = once(

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int8, Int32, UInt8
 
 from elitelanes_jax._util.checks import frozen_copy, is_real, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import REQUIRED, Record, nested, option
+from elitelanes_jax._util.records import REQUIRED, Record, nested, option, static, traced
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.drive._camera import Sight
 from elitelanes_jax.drive._levels import Level, check_batch
@@ -17,7 +17,7 @@ from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import Robot, Wheels
 from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset
 from elitelanes_jax.lanes.movements import LaneNode, Movement
-from elitelanes_jax.network.pytrees import pytree, static, traced
+from elitelanes_jax.network.pytrees import pytree
 
 
 def _check_sight(value: UserValue) -> Sight | None:

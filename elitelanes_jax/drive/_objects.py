@@ -5,13 +5,13 @@ distortion a row of pixels shows one row of each picture, and one look-up for th
 its pixels are opaque. Tags on the floor are pictures on the ground, which only `views` draws.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32, UInt32
+from jaxtyping import Array, Bool, Float, Int32, UInt8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
@@ -22,16 +22,18 @@ from elitelanes_jax.drive.lanes import Pose, wrap_angle
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.objects import NEAR, OBJECT_KINDS, OPAQUE, base_kind, nearest_view
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.network.xla import once
+from elitelanes_jax.network.xla import once, vary_together
 
-# The rows and columns of the pictures.
-_SIDE = 64
-# The number of views, evenly around an object.
+SIDE = 64
+"""The default number of rows and columns of pictures of objects, a multiple of 32."""
+
+# The default number of views, evenly around an object.
 _VIEWS = 8
+# The objects that are laid over each other in one step.
+_GROUP = 8
 # The bits for the index of a pixel in all pictures. The bits above them hold the number of an
-# object among those of a view, at most 64 (see `Camera.objects`).
-_INDEX = 24
-_MOST_PICTURES = 2**_INDEX // (_VIEWS * _SIDE**2)
+# object in its group, from 1.
+_INDEX = 27
 # The tiles that are added to distances of objects behind a robot, so that others are nearer.
 _BEHIND = 1e4
 # The position, in tiles, of objects that fill up a batch.
@@ -61,20 +63,26 @@ class Objects(NamedTuple):
 
 
 class Billboards(NamedTuple):
-    """Pictures of objects, for cameras: S x S pixels of all V views of N objects.
+    """Pictures of objects, for cameras: P pictures, V views of each of N objects.
 
-    Those of `make_billboards` have an object for each of `OBJECT_KINDS`.
+    Those of `make_billboards` have an object for each of `OBJECT_KINDS`. All rows of all pictures
+    are one after another, each of S pixels. Shorter rows are filled up with transparent pixels.
 
     Attributes:
-      pixels: uint32 ``[N * V * S * S]``, red, green and blue from the lowest byte, row by row.
-      opaque: uint32 ``[N * V * S, S / 32]``, a bit for each pixel of a row, the first one the
-        lowest.
-      aspect: float32 ``[N * V]``, width over height.
+      pixels: uint32 ``[R * S]``, red, green and blue from the lowest byte, row by row.
+      opaque: uint32 ``[R, S / 32]``, a bit for each pixel of a row, the first one the lowest.
+      aspect: float32 ``[N, V]``, width over height.
+      first: int32 ``[N, V]``, the first row.
+      rows: int32 ``[N, V]``, the number of rows.
+      columns: int32 ``[N, V]``, the number of columns.
     """
 
     pixels: UInt32[Array, " N"]
     opaque: UInt32[Array, "R W"]
-    aspect: Float[Array, " P"]
+    aspect: Float[Array, "N V"]
+    first: Int32[Array, "N V"]
+    rows: Int32[Array, "N V"]
+    columns: Int32[Array, "N V"]
 
 
 @name_wrong_arguments
@@ -85,10 +93,15 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     Raises `InputError` for other things than maps.
     """
     check_named("maps", listed(RoadMap), maps)
-    objects_of_maps = [road_map.objects or () for road_map in maps]
-    shape = len(maps), max(map(len, objects_of_maps), default=0)
-    if not shape[1]:
+    if not any(road_map.objects for road_map in maps):
         return None
+    return stack_objects(maps)
+
+
+def stack_objects(maps: Sequence[RoadMap], room: int = 0) -> Objects:
+    """Stacks the objects of maps, with room for `room` objects of a map at least."""
+    objects_of_maps = [road_map.objects or () for road_map in maps]
+    shape = len(maps), max(room, *map(len, objects_of_maps))
     # What fills up a batch is far away and has neither height nor radius.
     kind = np.zeros(shape, np.int32)
     x, y = np.full((2, *shape), _AWAY, np.float32)
@@ -129,42 +142,67 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     return pack_billboards([views.get(kind, {}) for kind in OBJECT_KINDS])
 
 
-def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
-    """Packs the views of objects, by degrees. An object without any is not shown.
+def pack_billboards(
+    objects: Sequence[Mapping[int, AnyArray]], side: int | None = SIDE, views: int = _VIEWS
+) -> Billboards:
+    """Packs the views of objects, by degrees. An object without any view is not shown.
+
+    Args:
+      objects: the views of each object.
+      side: that of the packed pictures in pixels, a multiple of 32; None to keep the pictures' sizes.
+      views: the number of packed views of each object, evenly around it.
 
     Raises:
-      InputError: for arrays of other shapes, or more than 512 objects, whose pixels 24 bits count.
+      InputError: for arrays of other shapes, or too many objects, whose pixels 27 bits count.
     """
-    if len(objects) > _MOST_PICTURES:
+    packed, aspect = [], np.ones((len(objects), views), np.float32)
+    for index, pictures in enumerate(objects):
+        for view in range(views):
+            picture = np.zeros((1, 1, 4), np.uint8)
+            if pictures:
+                picture = _check_picture(pictures[nearest_view(pictures, 360 / views * view)])
+            rows, columns = picture.shape[:2]
+            aspect[index, view] = columns / rows
+            if side is not None:
+                # Each pixel shows the nearest pixel of the original.
+                down, across = ((np.arange(side) + 0.5) * size // side for size in (rows, columns))
+                picture = picture[down.astype(int)[:, None], across.astype(int)]
+            packed.append(picture)
+    sizes = np.array([picture.shape[:2] for picture in packed])
+    ends = np.cumsum(sizes[:, 0])
+    # A word holds the opacity of 32 pixels.
+    stride = -(-sizes[:, 1].max() // 32) * 32
+    if ends[-1] * stride > 2**_INDEX:
+        most = int(len(objects) * 2**_INDEX / (ends[-1] * stride))
         raise InputError(
-            f"objects: expected at most {_MOST_PICTURES} different objects, "
-            "counting each AprilTag, "
+            f"objects: expected at most {most} different objects, counting each AprilTag, "
             f"got {len(objects)}"
         )
-    pixels = np.zeros((len(objects), _VIEWS, _SIDE, _SIDE, 4), np.uint8)
-    aspect = np.ones((len(objects), _VIEWS), np.float32)
-    for index, pictures in enumerate(objects):
-        for view in range(_VIEWS if pictures else 0):
-            picture = np.asarray(pictures[nearest_view(pictures, 360 / _VIEWS * view)])
-            has_pixels = picture.ndim == 3 and picture.shape[2] == 4 and picture.size > 0
-            if not has_pixels or picture.dtype != np.uint8:
-                raise InputError(
-                    "objects: expected uint8 [rows, columns, 4], "
-                    f"got {picture.dtype} {picture.shape}"
-                )
-            # Each pixel shows the nearest pixel of the original.
-            down, across = ((np.arange(_SIDE) + 0.5) * side // _SIDE for side in picture.shape[:2])
-            pixels[index, view] = picture[down.astype(int)[:, None], across.astype(int)]
-            aspect[index, view] = picture.shape[1] / picture.shape[0]
-    # A word holds the opacity of 32 pixels, so two words hold that of a row.
-    opaque = (pixels[..., 3] >= OPAQUE).reshape(-1, _SIDE // 32, 32)
+    pixels = np.zeros((ends[-1], stride, 4), np.uint8)
+    for picture, end in zip(packed, ends, strict=True):
+        pixels[end - len(picture) : end, : picture.shape[1]] = picture
+    opaque = (pixels[..., 3] >= OPAQUE).reshape(len(pixels), -1, 32)
     words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(
         axis=-1, dtype=np.uint32
     )
     # The label of what is no road is 0.
     pixels[..., 3] = 0
-    colours = np.ascontiguousarray(pixels).view("<u4").reshape(-1).astype(np.uint32)
-    return Billboards(jnp.asarray(colours), jnp.asarray(words), jnp.asarray(aspect.reshape(-1)))
+    colours = pixels.view("<u4").reshape(-1).astype(np.uint32)
+    tables = (ends - sizes[:, 0], *sizes.T)
+    return Billboards(
+        *map(jnp.asarray, (colours, words, aspect)),
+        *(jnp.asarray(table.reshape(aspect.shape), jnp.int32) for table in tables),
+    )
+
+
+def _check_picture(picture: AnyArray) -> UInt8[np.ndarray, "rows columns 4"]:
+    picture = np.asarray(picture)
+    has_pixels = picture.ndim == 3 and picture.shape[2] == 4 and picture.size > 0
+    if not has_pixels or picture.dtype != np.uint8:
+        raise InputError(
+            f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}"
+        )
+    return picture
 
 
 class Rays(NamedTuple):
@@ -183,6 +221,35 @@ class Rays(NamedTuple):
     fall: Float[Array, "..."]
 
 
+class SeenObjects(NamedTuple):
+    """The objects that the pixels of a view show.
+
+    Attributes:
+      hit: bool ``[rows, columns]``, whether there is an object.
+      pixel: int32 ``[rows, columns]``, the index in `Billboards.pixels`; 0 without an object.
+      instances: int32 ``[rows, columns]``, the object's index plus 1, or 0.
+      covered: int32 ``[M]``, the number of pixels that each object would cover alone; None if they
+        are not counted.
+    """
+
+    hit: Bool[Array, "rows columns"]
+    pixel: Int32[Array, "rows columns"]
+    instances: Int32[Array, "rows columns"]
+    covered: Int32[Array, " M"] | None = None
+
+    def over(self, other: "SeenObjects") -> "SeenObjects":
+        """Returns these objects in front of others."""
+        covered = None
+        if self.covered is not None and other.covered is not None:
+            covered = self.covered + other.covered
+        return SeenObjects(
+            self.hit | other.hit,
+            jnp.where(self.hit, self.pixel, other.pixel),
+            jnp.where(self.hit, self.instances, other.instances),
+            covered,
+        )
+
+
 def see_objects(
     pose: Pose,
     objects: Objects,
@@ -191,22 +258,98 @@ def see_objects(
     rays: Rays,
     height: Numeric,
     forward: Numeric,
-    count: int,
-) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
+    count: int | None,
+    *,
+    counts: bool = False,
+) -> SeenObjects:
     """Finds the objects that are seen, among the `count` nearest ones in front of a camera.
 
     The pose is that of the middle between the wheels. The camera is `height` metres above the
     ground, and `forward` metres ahead of this middle. `pictures` has the index of each object in
-    the billboards. Returns for each pixel whether there is an object, the index in
-    `Billboards.pixels`, and the object's index plus 1, or 0.
+    the billboards. If `count` is None, all objects are seen. `counts` says whether the pixels that
+    each object would cover alone are counted.
     """
     upright = _stand_upright(pose, objects, pictures, billboards, rays, forward)
+    most = len(upright.ahead)
     # `top_k` sorts the objects by their distance ahead, the nearest one first.
-    near = jax.lax.top_k(-upright.ahead, min(count, len(upright.ahead)))[1]
-    rows = once(
-        lambda: _cross_rows(_Upright(*(part[near] for part in upright)), billboards, rays, height)
-    )
-    return _read_layers(once(lambda: _lay_over_each_other(rows, rays)), near)
+    nearest, near = jax.lax.top_k(-upright.ahead, most if count is None else min(count, most))
+    shape = jnp.broadcast_shapes(rays.forward.shape, rays.right.shape)
+
+    def lay(near: Int32[Array, " C"], shown: Bool[Array, " C"]) -> _Layers:
+        parts = _Upright(*(part[near] for part in upright))
+        # Indices that fill up a group show nothing.
+        parts = parts._replace(ahead=jnp.where(shown, parts.ahead, jnp.inf))
+        rows = once(lambda: _cross_rows(parts, billboards, rays, height))
+        return once(lambda: _lay_over_each_other(rows, rays, counts=counts))
+
+    # Objects that are not shown are infinitely far away.
+    shown = jnp.isfinite(nearest)[::-1]
+    return _lay_groups(lay, near[::-1], shown, jnp.arange(most), shape, most, counts=counts)
+
+
+class _Layers(NamedTuple):
+    """Pictures over each other.
+
+    Attributes:
+      seen: int32 ``[rows, columns]``, the number of each pixel's picture among C, from 1, times
+        2**27, plus the index of the picture's pixel; 0 without a picture.
+      covered: int32 ``[C]``, the number of pixels that each picture would cover alone.
+    """
+
+    seen: Int32[Array, "rows columns"]
+    covered: Int32[Array, " C"]
+
+
+def _lay_groups(
+    lay: Callable[[Int32[Array, " C"], Bool[Array, " C"]], _Layers],
+    indices: Int32[Array, " K"],
+    shown: Bool[Array, " K"],
+    numbers: Int32[Array, " N"],
+    shape: tuple[int, ...],
+    most: int,
+    *,
+    counts: bool,
+) -> SeenObjects:
+    """Lays objects over each other, from the back to the front, some at a time.
+
+    Args:
+      lay: draws some objects, from their indices and whether each is shown.
+      indices: of the objects.
+      shown: whether an object is shown.
+      numbers: the object's index on the map, by these indices.
+      shape: rows and columns.
+      most: the number of objects of the map.
+      counts: see `see_objects`.
+    """
+    covered = jnp.zeros(most, jnp.int32) if counts else None
+
+    def read(indices: Array, shown: Array) -> SeenObjects:
+        layers, on_map = lay(indices, shown), numbers[indices].astype(jnp.int32)
+        seen = layers.seen
+        # Number 0, no object, has instance 0.
+        instances = jnp.concatenate([jnp.zeros(1, jnp.int32), on_map + 1])
+        # An index of -1 is of no object, and covers no pixel.
+        alone = None if covered is None else covered.at[on_map].add(layers.covered)
+        return SeenObjects(seen > 0, seen & ((1 << _INDEX) - 1), instances[seen >> _INDEX], alone)
+
+    if len(indices) <= _GROUP:
+        return read(indices, shown)
+    # Indices are filled up in front, where they are behind all others.
+    missing = -len(indices) % _GROUP
+    indices, shown = jnp.pad(indices, (missing, 0)), jnp.pad(shown, (missing, 0))
+    # The groups before the first object that is shown are skipped.
+    first = jnp.argmax(shown) // _GROUP
+    groups = jnp.where(shown.any(), len(indices) // _GROUP, first)
+
+    def add(group: Array, behind: SeenObjects) -> SeenObjects:
+        here = [
+            jax.lax.dynamic_slice_in_dim(part, group * _GROUP, _GROUP) for part in (indices, shown)
+        ]
+        return read(*here).over(behind)
+
+    nothing = jnp.zeros(shape, jnp.int32)
+    unseen = SeenObjects(nothing > 0, nothing, nothing, covered)
+    return jax.lax.fori_loop(first, groups, add, vary_together(unseen, indices, shown))
 
 
 class _Upright(NamedTuple):
@@ -243,9 +386,10 @@ def _stand_upright(
     # The direction from the object to the camera, counter-clockwise from the object's front,
     # chooses the view.
     towards = jnp.arctan2(-left, -ahead) + pose.theta - objects.angle
-    view = jnp.round(towards / (2 * jnp.pi / _VIEWS)).astype(jnp.int32) % _VIEWS
-    picture = pictures * _VIEWS + view
-    width = objects.height * billboards.aspect[picture]
+    views = billboards.aspect.shape[1]
+    view = jnp.round(towards / (2 * jnp.pi / views)).astype(jnp.int32) % views
+    picture = pictures * views + view
+    width = objects.height * billboards.aspect.reshape(-1)[picture]
     # The most that the picture shows to either side at this distance, plus half of the object.
     reach = ahead * jnp.abs(rays.right).max() / jnp.maximum(jnp.min(rays.forward), 1e-6) + width / 2
     # Objects beside the picture would take the places of objects in it.
@@ -282,54 +426,44 @@ def _cross_rows(
     # The height above the ground there gives the row of the picture, the upper edge first.
     up = height - scale * fall
     high = jnp.where(upright.height > 0, upright.height, 1)[column]
-    row = jnp.floor((1 - up / high) * _SIDE).astype(jnp.int32)
-    hit = (row >= 0) & (row < _SIDE) & (scale > 0)
-    first = upright.picture[column] * _SIDE + jnp.clip(row, 0, _SIDE - 1)
+    first, rows, columns = (
+        table.reshape(-1)[upright.picture]
+        for table in (billboards.first, billboards.rows, billboards.columns)
+    )
+    row = jnp.floor((1 - up / high) * rows[column].astype(jnp.float32)).astype(jnp.int32)
+    hit = (row >= 0) & (row < rows[column]) & (scale > 0)
+    first = first[column] + jnp.clip(row, 0, rows[column] - 1)
     words = jnp.where(hit[..., None], billboards.opaque.at[first].get(mode="promise_in_bounds"), 0)
     # Objects that fill up a batch have no width. The divisor 1 keeps them finite.
-    pixels = _SIDE / jnp.where(upright.width > 0, upright.width, 1)
+    pixels = columns.astype(jnp.float32) / jnp.where(upright.width > 0, upright.width, 1)
     # The column of the picture is linear in the direction of the ray to the right: a slope for each
     # row, and one middle.
     return _CrossedRows(
         slope=scale * pixels[column],
-        middle=upright.left * pixels + _SIDE / 2,
-        first=first * _SIDE,
+        middle=upright.left * pixels + columns.astype(jnp.float32) / 2,
+        first=first * (32 * billboards.opaque.shape[1]),
         words=jnp.moveaxis(words, -1, 0),
     )
 
 
-def _lay_over_each_other(rows: _CrossedRows, rays: Rays) -> Int32[Array, "rows columns"]:
-    """Lays the objects over each other, the nearest one last.
-
-    A pixel of the result has the number of its object, from 1, and the index of the object's pixel.
-    """
+def _lay_over_each_other(rows: _CrossedRows, rays: Rays, *, counts: bool) -> _Layers:
+    """Lays the pictures of objects over each other, the last one in front."""
     slope, middle, first, words = rows
+    side = 32 * len(words)
     seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
-    for index in reversed(range(len(slope))):
+    covered = []
+    for index in range(len(slope)):
         column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
         word = words[0, index]
         # The words of a row are selected one by one. A look-up for each pixel would not use the
         # processor's vectors.
-        for part in range(1, _SIDE // 32):
+        for part in range(1, side // 32):
             word = jnp.where(column >= 32 * part, words[part, index], word)
         opaque = (word >> (column & 31).astype(jnp.uint32)) & 1 > 0
-        hit = opaque & (column >= 0) & (column < _SIDE)
+        hit = opaque & (column >= 0) & (column < side)
         seen = jnp.where(hit, ((index + 1) << _INDEX) + first[index] + column, seen)
-    return seen
-
-
-def _read_layers(
-    seen: Int32[Array, "rows columns"], near: Int32[Array, " C"]
-) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
-    """Returns what `see_objects` does, from packed layers.
-
-    `seen` has the number of each pixel's object among `near`, and the index of the object's pixel.
-    """
-    # Number 0, no object, has instance 0.
-    instances = jnp.concatenate([jnp.zeros(1, jnp.int32), near.astype(jnp.int32) + 1])[
-        seen >> _INDEX
-    ]
-    return seen > 0, seen & ((1 << _INDEX) - 1), instances
+        covered.append(hit.sum(dtype=jnp.int32) if counts else 0)
+    return _Layers(seen, jnp.asarray(covered, jnp.int32))
 
 
 class Floor(NamedTuple):
@@ -352,16 +486,18 @@ def lie(
     floor: Floor,
     pictures: Int32[Array, " M"],
     billboards: Billboards,
-    x: tuple[Float[Array, "rows 1"], Float[Array, "rows 1"]],
-    y: tuple[Float[Array, "rows 1"], Float[Array, "rows 1"]],
+    x: tuple[Float[Array, "rows _"], Float[Array, "rows _"]],
+    y: tuple[Float[Array, "rows _"], Float[Array, "rows _"]],
     column: Int32[Array, " columns"],
-    count: int,
-) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
+    count: int | None,
+    *,
+    counts: bool = False,
+) -> SeenObjects:
     """Finds the objects on the floor that are seen, as `see_objects` does for those that stand.
 
-    Only the `count` nearest objects are looked at. Rows of pixels see lines on the ground: `x` and
-    `y` are the position at column 0 in tiles, and the step to the next column. A row without ground
-    has the position NaN.
+    Rows of pixels see lines on the ground: `x` and `y` are the position at column 0 in tiles, and
+    the step to the next column. A pixel without ground has the position NaN. With distortion, there
+    is a position for each column, and the step is 0.
     """
     # As with standing objects, only the nearest ones are drawn.
     east, south = objects.x[floor.indices] - pose.x, objects.y[floor.indices] - pose.y
@@ -369,37 +505,54 @@ def lie(
     away = jnp.hypot(east, south) + jnp.where(is_ahead, 0, _BEHIND)
     away = jnp.where(floor.indices >= 0, away, jnp.inf)
     # Ascending, because of two objects the later one is on top, as in datasets.
-    slots = jnp.sort(jax.lax.top_k(-away, min(count, len(away)))[1])
-    near = floor.indices[slots]
-    cosine, sine = jnp.cos(objects.angle[near]), jnp.sin(objects.angle[near])
+    most = len(away) if count is None else min(count, len(away))
+    slots = jnp.sort(jax.lax.top_k(-away, most)[1])
+    stride = 32 * billboards.opaque.shape[1]
+    shape = len(x[0]), len(column)
 
-    def layers() -> Array:
-        seen = jnp.zeros((len(x[0]), len(column)), jnp.int32)
-        for number in range(len(near)):
-            east, south = x[0] - objects.x[near[number]], y[0] - objects.y[near[number]]
-            turn = cosine[number], sine[number]
-            # Tiles along the object's angle and to its right, which is downwards in the picture.
-            ahead, beside = _turn(east, south, turn)
-            ahead_step, beside_step = _turn(x[1], y[1], turn)
-            along = _SIDE * TILE / floor.length[slots[number]]
-            sideways = _SIDE * TILE / floor.width[slots[number]]
-            # Both are linear in the column, because a row of pixels sees a line on the ground.
-            across = jnp.floor(_SIDE / 2 + (ahead + ahead_step * column) * along)
-            below = jnp.floor(_SIDE / 2 + (beside + beside_step * column) * sideways)
-            # Comparisons with NaN are False, so a row without ground shows nothing.
-            inside = (across >= 0) & (across < _SIDE) & (below >= 0) & (below < _SIDE)
-            # The index -1 fills up a batch.
-            inside &= near[number] >= 0
-            across, below = (
-                jnp.where(inside, part, 0).astype(jnp.int32) for part in (across, below)
-            )
-            row = pictures[near[number]] * (_VIEWS * _SIDE) + below
-            word = billboards.opaque.at[row, across >> 5].get(mode="promise_in_bounds")
-            hit = inside & ((word >> (across & 31).astype(jnp.uint32)) & 1 > 0)
-            seen = jnp.where(hit, ((number + 1) << _INDEX) + row * _SIDE + across, seen)
-        return seen
+    def lay(slot: Int32[Array, " C"], shown: Bool[Array, " C"]) -> _Layers:
+        near = floor.indices[slot]
+        cosine, sine = jnp.cos(objects.angle[near]), jnp.sin(objects.angle[near])
+        # All views of an object on the floor are the same.
+        first, rows, columns = (
+            table[pictures[near], 0]
+            for table in (billboards.first, billboards.rows, billboards.columns)
+        )
 
-    return _read_layers(once(layers), near)
+        def layers() -> _Layers:
+            seen = jnp.zeros(shape, jnp.int32)
+            covered = []
+            for number in range(len(near)):
+                east, south = x[0] - objects.x[near[number]], y[0] - objects.y[near[number]]
+                turn = cosine[number], sine[number]
+                # Tiles along the object's angle and to its right, which is downwards in the
+                # picture.
+                ahead, beside = _turn(east, south, turn)
+                ahead_step, beside_step = _turn(x[1], y[1], turn)
+                wide, high = columns[number], rows[number]
+                along = wide * TILE / floor.length[slot[number]]
+                sideways = high * TILE / floor.width[slot[number]]
+                # Both are linear in the column, because a row of pixels sees a line on the ground.
+                across = jnp.floor(wide / 2 + (ahead + ahead_step * column) * along)
+                below = jnp.floor(high / 2 + (beside + beside_step * column) * sideways)
+                # Comparisons with NaN are False, so a row without ground shows nothing.
+                inside = (across >= 0) & (across < wide) & (below >= 0) & (below < high)
+                inside &= shown[number]
+                across, below = (
+                    jnp.where(inside, part, 0).astype(jnp.int32) for part in (across, below)
+                )
+                row = first[number] + below
+                word = billboards.opaque.at[row, across >> 5].get(mode="promise_in_bounds")
+                hit = inside & ((word >> (across & 31).astype(jnp.uint32)) & 1 > 0)
+                seen = jnp.where(hit, ((number + 1) << _INDEX) + row * stride + across, seen)
+                covered.append(hit.sum(dtype=jnp.int32) if counts else 0)
+            return _Layers(seen, jnp.asarray(covered, jnp.int32))
+
+        return once(layers)
+
+    # Indices of -1 fill up a batch.
+    is_object = floor.indices[slots] >= 0
+    return _lay_groups(lay, slots, is_object, floor.indices, shape, len(objects.x), counts=counts)
 
 
 def _turn(east: Array, south: Array, turn: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import REQUIRED, Record, option
+from elitelanes_jax._util.records import REQUIRED, Record, option, static, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, checks_first, draw_level
@@ -26,7 +26,7 @@ from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive.lanes import TURN_TAKEN
 from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
-from elitelanes_jax.network.pytrees import pytree, static, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.sharding import divide_batches
 
 

@@ -5,7 +5,7 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
-from jaxtyping import Array, Int32, UInt32
+from jaxtyping import Array, Float, Int32, UInt32
 
 from elitelanes_jax.drive._objects import Billboards, Floor, Objects
 
@@ -14,6 +14,18 @@ PAVED = 64
 
 The label is below it.
 """
+
+
+class Blend(NamedTuple):
+    """How the tiles of a map are blended, as `render` blends photographs.
+
+    Attributes:
+      tones: float32 ``[N, 3, 2]``, the gain and the offset of each cell and colour.
+      meetings: int32 ``[N]``, the sides of each cell where its road meets that of its neighbour.
+    """
+
+    tones: Float[Array, "N 3 2"]
+    meetings: Int32[Array, " N"]
 
 
 class SceneMap(NamedTuple):
@@ -30,27 +42,32 @@ class SceneMap(NamedTuple):
       choices: int32 ``[O, 2]``, the first of the billboards that may show each object, and how many
         may; None if no map has objects.
       floor: the objects on the floor; None if no map has any.
+      cells: int32 ``[N]``, the picture that shows each of the H * W cells; None to draw one for
+        each view.
+      blend: how the pictures of the cells are blended; None if they are not.
     """
 
     codes: Int32[Array, "H W"]
     links: Int32[Array, "H W"]
     movements: Int32[Array, "N 4"]
     movement_count: Int32[Array, ""]
-    objects: Objects | None
-    choices: Int32[Array, "O 2"] | None
-    floor: Floor | None
+    objects: Objects | None = None
+    choices: Int32[Array, "O 2"] | None = None
+    floor: Floor | None = None
+    cells: Int32[Array, " N"] | None = None
+    blend: Blend | None = None
 
 
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=["maps", "pyramid", "tiles", "picture_counts", "billboards"],
-    meta_fields=["lane_offset"],
+    meta_fields=["lane_offset", "tile_px"],
 )
 @dataclass(frozen=True)
 class Scenes:
     """Maps, and the pictures that show them.
 
-    Scenes are a pytree, whose `lane_offset` compiled programs contain.
+    Scenes are a pytree. Compiled programs contain `lane_offset` and `tile_px`.
 
     Attributes:
       maps: a batch of M maps.
@@ -62,6 +79,7 @@ class Scenes:
         are not used.
       billboards: the pictures of objects; None without objects.
       lane_offset: tiles from the road's middle to the centre of a lane, in the tile set; static.
+      tile_px: the side of the largest pictures of tiles in pixels; static.
     """
 
     maps: SceneMap
@@ -70,10 +88,14 @@ class Scenes:
     picture_counts: Int32[Array, " 16"]
     billboards: Billboards | None
     lane_offset: float
+    tile_px: int
 
     @property
-    def tile_bits(self) -> int:
-        """The logarithm to base 2 of the side of the largest pictures, in pixels."""
-        # Squares of all sides from 2**b to 1 have (4**(b + 1) - 1) / 3 pixels.
-        pixels = self.pyramid.shape[1]
-        return (3 * pixels + 1).bit_length() // 2 - 1
+    def sizes(self) -> tuple[int, ...]:
+        """The sides of all sizes of pictures, in pixels."""
+        return halved_sizes(self.tile_px)
+
+
+def halved_sizes(size: int) -> tuple[int, ...]:
+    """Returns a size and its halves, rounded down, to 1."""
+    return tuple(size >> halvings for halvings in range(size.bit_length()))

@@ -8,7 +8,6 @@ colours use is computed by `once`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 import jax
@@ -17,12 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, UInt32
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import none_or, real
-from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Numeric
-from elitelanes_jax.drive._camera import Camera
 from elitelanes_jax.drive._hashing import fork, hash_bits, hash_normal, uniform
-from elitelanes_jax.network.pytrees import pytree, traced
+from elitelanes_jax.drive.camera_options import Camera, Variation
 from elitelanes_jax.network.xla import once
 
 # The grains of a background's coarse and middle noise along each side of a picture.
@@ -42,6 +38,8 @@ _TINT, _GRAIN = 30, 50
 _RECTANGLES = 5
 # The least and the largest side of a rectangle, as shares of the picture's side.
 _NARROW, _BROAD = 0.02, 0.4
+# The number of the seed of a sky's haze, among those that are forked from the seed of a look.
+_HAZE = 1000
 # Contrast changes colours around this level.
 _MID_GREY = 128
 # The samples along a streak of motion blur.
@@ -57,74 +55,6 @@ _LOG2 = (2.885391, 0.9614714, 0.5989572)
 
 # The coefficients of 2**x from -0.5 to 0.5 in powers of x. The error is 4e-6.
 _EXP2 = (0.9999992, 0.693122, 0.2402498, 0.05591704, 0.00956051)
-
-
-@pytree
-@dataclass(frozen=True)
-class Variation(Record):
-    """The ranges of views.
-
-    Each value of a picture is drawn uniformly from its range. None leaves a step out. A variation
-    is a pytree: a number may also be an array ``[batch]``, with a range for each picture.
-
-    Attributes:
-      offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.
-      heading: largest angle from the lane's direction in degrees, either way, 0 to 180.
-      wobble: largest change of the camera's height, pitch and field of view, either way, as a
-        share, 0 to 0.5.
-      lines: largest stretch of a tile at its white lines, in tiles, 0 to 0.08.
-      horizon: share of the pictures with the sky of one of gym-duckietown's horizons, 0 to 1.
-      background: share of the pictures with random patterns instead of plain ground and sky, 0 to
-        1.
-      shadow: largest share of the light that a shadow takes, 0 to 1.
-      vignette: largest share of the light that the corners lose, 0 to 1.
-      gamma: largest change of the tone curve's exponent, either way, as a power of 2, 0 to 2.
-      saturation: largest change of the colours' distance from grey, either way, as a share, 0 to 1.
-      warmth: largest change of red against blue, either way, as a share, 0 to 0.5.
-      light: largest change of brightness, either way, as a share, 0 to 1.
-      contrast: largest change of contrast, either way, as a share, 0 to 1.
-      colour: largest change of each channel alone, either way, as a share, 0 to 1.
-      motion: longest motion blur in pixels, 0 to 2.9.
-      blur: largest standard deviation of a Gaussian blur in pixels, 0 to 1.
-      noise: largest standard deviation of noise in grey levels, 0 to 64.
-    """
-
-    offset: Numeric = traced(0.1, real(0, 0.2))
-    heading: Numeric = traced(30.0, real(0, 180))
-    wobble: Numeric = traced(0.05, real(0, 0.5))
-    lines: Numeric = traced(None, none_or(real(0, 0.08)))
-    horizon: Numeric = traced(None, none_or(real(0, 1)))
-    background: Numeric = traced(None, none_or(real(0, 1)))
-    shadow: Numeric = traced(None, none_or(real(0, 1)))
-    vignette: Numeric = traced(None, none_or(real(0, 1)))
-    gamma: Numeric = traced(None, none_or(real(0, 2)))
-    saturation: Numeric = traced(None, none_or(real(0, 1)))
-    warmth: Numeric = traced(None, none_or(real(0, 0.5)))
-    light: Numeric = traced(None, none_or(real(0, 1)))
-    contrast: Numeric = traced(None, none_or(real(0, 1)))
-    colour: Numeric = traced(None, none_or(real(0, 1)))
-    motion: Numeric = traced(None, none_or(real(0, 2.9)))
-    blur: Numeric = traced(None, none_or(real(0, 1)))
-    noise: Numeric = traced(None, none_or(real(0, 64)))
-
-    @classmethod
-    def varied(cls) -> "Variation":
-        """Returns the ranges of ``dataset --transform varied``, without its compression."""
-        return cls(
-            horizon=1,
-            background=0.8,
-            shadow=0.6,
-            vignette=0.5,
-            gamma=0.6,
-            saturation=0.5,
-            warmth=0.2,
-            light=0.3,
-            contrast=0.4,
-            colour=0.1,
-            motion=2,
-            blur=0.8,
-            noise=8,
-        )
 
 
 HORIZONS = np.array([(115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235)], np.float32)
@@ -167,6 +97,8 @@ class Look(NamedTuple):
       seed: uint32, of all patterns and the noise.
       ground: float32 ``[3]``, its mean colour.
       sky: float32 ``[3]``, its mean colour.
+      haze: float32 ``[3]``, what the sky's colour at the picture's upper edge has more than at the
+        horizon.
       background: the patterns of ground and sky; None for plain ones.
       shadow: float32 ``[3]``, its depth, the level where it begins, and its steepness.
       vignette: float32, the share of the light that the corners lose.
@@ -175,11 +107,15 @@ class Look(NamedTuple):
         an addend.
       kernel: float32 ``[5, 5]``, of the blur.
       noise: float32, standard deviation.
+      gains: float32 ``[3]``, factors of the colours around mid-grey.
+      offset: float32, grey levels that are added to all colours.
+      blur: float32, standard deviation of the lens's blur in pixels.
     """
 
     seed: UInt32[Array, ""]
     ground: Float[Array, "3"]
     sky: Float[Array, "3"]
+    haze: Float[Array, "3"] | None
     background: Background | None
     shadow: Float[Array, "3"] | None
     vignette: Float[Array, ""] | None
@@ -187,6 +123,9 @@ class Look(NamedTuple):
     mixing: Float[Array, "3 3"] | None
     kernel: Float[Array, "5 5"] | None
     noise: Float[Array, ""] | None
+    gains: Float[Array, "3"]
+    offset: Float[Array, ""]
+    blur: Float[Array, ""]
 
 
 # The uniform numbers of a look by what they are for. All are always drawn, so that a range changes
@@ -234,6 +173,9 @@ def draw_look(
         # The first number says whether the horizon is replaced, and the second one by which.
         chosen = jnp.asarray(HORIZONS)[(horizon * len(HORIZONS)).astype(jnp.int32)]
         sky = jnp.where(other < variation.horizon, chosen, sky)
+    haze = None
+    if variation.haze is not None:
+        haze = _signed(uniform(hash_bits(fork(seed, _HAZE), (3,)))) * variation.haze
     # A changed picture replaces the plain colours by means of its own, which patterns vary.
     background = None
     if variation.background is not None:
@@ -253,13 +195,18 @@ def draw_look(
     exponent = (
         None if variation.gamma is None else 2 ** (_signed(numbers["gamma"][0]) * variation.gamma)
     )
-    mixing, kernel = _mix_colours(numbers, variation), _draw_kernel(numbers, variation)
+    mixing, gains, offset = _mix_colours(numbers, variation)
+    kernel = _draw_kernel(numbers, variation)
+    blur = numbers["blur"][0] * (0 if variation.blur is None else variation.blur)
     noise = None
     if variation.noise is not None or camera.noise is not None:
         drawn = numbers["noise"][0] * (0 if variation.noise is None else variation.noise)
         # Independent noises add up by their variances.
         noise = jnp.hypot(drawn, 0 if camera.noise is None else camera.noise)
-    return Look(seed, ground, sky, background, shadow, vignette, exponent, mixing, kernel, noise)
+    return Look(
+        *(seed, ground, sky, haze, background, shadow, vignette, exponent, mixing, kernel, noise),
+        *(gains, offset, blur),
+    )
 
 
 def _signed(number: Array) -> Array:
@@ -292,10 +239,13 @@ def _draw_background(
     return means, Background(below, above, numbers["weights"] ** 2, rectangles, paints)
 
 
-def _mix_colours(numbers: dict[str, Array], variation: Variation) -> Array | None:
+def _mix_colours(
+    numbers: dict[str, Array], variation: Variation
+) -> tuple[Array | None, Array, Array]:
     """Returns saturation, warmth, contrast, colour and light as one linear step.
 
     Warmth and saturation come first, then contrast around mid-grey; without clipping in between.
+    Also returns the gains of contrast and colour, and the offset of the light.
     """
     ranges = (
         variation.saturation,
@@ -304,8 +254,6 @@ def _mix_colours(numbers: dict[str, Array], variation: Variation) -> Array | Non
         variation.contrast,
         variation.colour,
     )
-    if all(span is None for span in ranges):
-        return None
 
     def draw(name: str) -> Array:
         span = getattr(variation, name)
@@ -316,8 +264,10 @@ def _mix_colours(numbers: dict[str, Array], variation: Variation) -> Array | Non
     warm = 1 + warmth * jnp.array([1.0, 0.0, -1.0])
     # Saturation moves a colour away from the mean of the three colours.
     itself, mean = gain * warm * (1 + saturation), -gain * warm * saturation
-    addend = _MID_GREY - _MID_GREY * gain + _MID_GREY * draw("light")
-    return jnp.stack([itself, mean, addend], axis=-1)
+    offset = _MID_GREY * draw("light")
+    addend = _MID_GREY - _MID_GREY * gain + offset
+    mixing = jnp.stack([itself, mean, addend], axis=-1)
+    return None if all(span is None for span in ranges) else mixing, gain, offset[0]
 
 
 def _draw_kernel(numbers: dict[str, Array], variation: Variation) -> Array | None:
@@ -422,6 +372,12 @@ def lay_background(
       look: the numbers of the picture's variation.
     """
     below, above = list(look.ground), list(look.sky)
+    if look.haze is not None:
+        # The haze falls evenly from the upper edge to the last row that shows sky.
+        rows = jnp.arange(len(sky), dtype=jnp.float32) + 0.5
+        horizon = jnp.maximum((sky.max(axis=1) > 0).sum(), 1)
+        height = once(lambda: jnp.maximum(1 - rows / horizon, 0)[:, None])
+        above = [colour + change * height for colour, change in zip(above, look.haze, strict=True)]
     if (background := look.background) is not None:
         shape = paved.shape
         field = once(lambda: _make_field(look.seed, background.weights, shape))

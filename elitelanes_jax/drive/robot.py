@@ -7,11 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Key
 
 from elitelanes_jax._util.checks import none_or, real
-from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.records import Record, traced
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
 from elitelanes_jax.network.bits import normal
-from elitelanes_jax.network.pytrees import pytree, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.xla import rounded
 
 TILE = 0.585

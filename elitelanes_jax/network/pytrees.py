@@ -1,68 +1,15 @@
 """Records that are pytrees of JAX: their numbers may be traced, and mapped by `jax.vmap`."""
 
 from collections.abc import Iterable
-from dataclasses import field, fields
+from dataclasses import fields
 from typing import TypeVar
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 
-from elitelanes_jax._util.checks import Check, frozen_copy, is_whole
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import Option, Record, option
-from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.types import UserValue
 
 R = TypeVar("R", bound=Record)
-
-
-def static(default: UserValue, check: Check) -> UserValue:
-    """Declares a field for each of whose values `jax.jit` compiles a program."""
-    return field(default=default, metadata={"option": Option(check), "static": True})
-
-
-def traced(default: UserValue, check: Check, each: Check | None = None) -> UserValue:
-    """Declares a field with a number or an array. One program serves all values.
-
-    See `number_or_array` for `each`.
-    """
-    return option(default, number_or_array(check, each, whole=is_whole(default)))
-
-
-def number_or_array(check: Check, each: Check | None = None, *, whole: bool = False) -> Check:
-    """Makes a check for a number, or an array of numbers that each pass the check.
-
-    Within a transformation an array may be a tracer. Its numbers are not known, so only its dtype
-    is checked.
-
-    Args:
-      check: checks what is no array.
-      each: checks a number of an array, where `check` takes several numbers.
-      whole: whether the numbers are whole.
-    """
-    kind, expected = (np.integer, "whole numbers") if whole else (np.number, "numbers")
-    check_each = each or check
-
-    def check_value(value: UserValue) -> UserValue:
-        if not isinstance(value, jax.Array | np.ndarray):
-            return check(value)
-        if not jnp.issubdtype(value.dtype, kind) or jnp.iscomplexobj(value):
-            raise InputError(f"expected {expected}, got {value.dtype} {list(value.shape)}")
-        if not isinstance(value, jax.core.Tracer) and value.size:
-            numbers = np.asarray(jax.device_get(value))
-            check_each(_number(numbers.min()))
-            check_each(_number(numbers.max()))
-        return frozen_copy(value)
-
-    return check_value
-
-
-def _number(number: Numeric) -> int | float:
-    """Returns a number of NumPy as one of Python, a float as its shortest text says it.
-
-    So 0.1 of float32, which is 0.100000001, does not exceed a limit of 0.1.
-    """
-    return int(number) if isinstance(number, np.integer) else float(str(number))
 
 
 def pytree(kind: type[R]) -> type[R]:

@@ -21,10 +21,10 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Real
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import Record, nested
+from elitelanes_jax._util.records import Record, nested, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import bernoulli, randint
-from elitelanes_jax.network.pytrees import pytree, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.optimizers._annealing import (
     AnnealingConfig,
     Cooling,

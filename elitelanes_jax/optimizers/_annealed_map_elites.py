@@ -21,12 +21,12 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import flag, none_or, real, whole
-from elitelanes_jax._util.records import Record, nested
+from elitelanes_jax._util.records import Record, nested, static, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import split
 from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
-from elitelanes_jax.network.pytrees import pytree, static, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.xla import run_if, take
 from elitelanes_jax.optimizers._annealing import (
     LONGEST_CYCLE,

@@ -17,10 +17,10 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt3
 
 from elitelanes_jax._util.checks import none_or, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import Record, nested
+from elitelanes_jax._util.records import Record, nested, static, traced
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.bits import exponential, randint, random_bits
-from elitelanes_jax.network.pytrees import pytree, static, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.xla import UNIT, take
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._mutations import Move

@@ -15,10 +15,10 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import one_of, real, whole
-from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.records import Record, static, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import symmetric_uniform
-from elitelanes_jax.network.pytrees import pytree, static, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import concatenate, evaluate, truncate
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused

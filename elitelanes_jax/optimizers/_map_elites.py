@@ -11,10 +11,10 @@ from jaxtyping import Array
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import one_of
-from elitelanes_jax._util.records import Record, nested
+from elitelanes_jax._util.records import Record, nested, static
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import random_bits
-from elitelanes_jax.network.pytrees import pytree, static
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.optimizers._emitters import draw_true
 from elitelanes_jax.optimizers._mutations import paper_mutation
 from elitelanes_jax.optimizers._population import (

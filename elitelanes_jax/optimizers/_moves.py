@@ -29,7 +29,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.errors import InputError, shorten, suggest
-from elitelanes_jax._util.records import Record, option
+from elitelanes_jax._util.records import Record, number_or_array, option, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
@@ -43,7 +43,7 @@ from elitelanes_jax.network.codes import (
     transpose_codes,
 )
 from elitelanes_jax.network.edges import check_array
-from elitelanes_jax.network.pytrees import number_or_array, pytree, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import lookup, materialize, take

@@ -16,11 +16,11 @@ from jaxtyping import Array, ArrayLike, Bool, Int8, Integer, Key, Real, UInt32
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, one_of, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.records import Record, static, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.edges import check_array
-from elitelanes_jax.network.pytrees import pytree, static, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.optimizers._mutations import Move, paper_mutation
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population, finite_or_vacant, vacant_fitness

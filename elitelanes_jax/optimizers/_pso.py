@@ -17,7 +17,7 @@ from jaxtyping import Array, ArrayLike, Int32, Real
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.errors import InputError, pluralize
-from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.records import Record, static, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import (
     categorical,
@@ -26,7 +26,7 @@ from elitelanes_jax.network.bits import (
     split,
     symmetric_uniform,
 )
-from elitelanes_jax.network.pytrees import pytree, static, traced
+from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import evaluate, select
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused

@@ -6,6 +6,7 @@ are made equal where their roads meet. Masks and labels do not change.
 
 from collections.abc import Iterator
 from math import ceil
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -27,11 +28,21 @@ _PAIRS = 256
 _ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])
 
 
+Equations: TypeAlias = dict[
+    tuple[bool, int, int], tuple[Float[NDArray, "3 4 4"], Float[NDArray, "3 4"]]
+]
+"""The normal equations of pairs of pictures, see `_equations`.
+
+Keys are whether the second picture is below the first one instead of right of it, and both.
+"""
+
+
 def solve_tones(
     grid: ArrayLike,
     picture: Int[NDArray, "H W"],
     images: UInt8[NDArray, "T P P 3"],
     labels: UInt8[NDArray, "T P P"],
+    known: Equations | None = None,
 ) -> Float[NDArray, "H W 3 2"]:
     """Solves for the gains and offsets of all tiles of a map by linear least squares.
 
@@ -43,13 +54,15 @@ def solve_tones(
     summed over all tiles. The first cost keeps the contrast, the second one the colour of the whole
     map. Each channel is solved alone.
 
-    `picture` has the index of each cell's picture in `images` and `labels`. Returns gain and offset
-    of each cell and channel; 1 and 0 if its road meets no other.
+    `picture` has the index of each cell's picture in `images` and `labels`. `known` has equations of
+    these pictures from earlier calls, and gets those of this call. Returns gain and offset of each
+    cell and channel; 1 and 0 if its road meets no other.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import spsolve
 
     codes = np.asarray(grid)
+    known = {} if known is None else known
     count = codes.size
     cells = np.arange(count).reshape(codes.shape)
     # The normal equations of each channel begin with the two costs, which are on the diagonal. The
@@ -69,7 +82,15 @@ def solve_tones(
             axis=0,
             return_inverse=True,
         )
-        products, sides = _equations(pairs, _turn(images, turned, 1), _turn(labels, turned, 1))
+        keys = [(turned, *pair) for pair in pairs.tolist()]
+        fresh = [number for number, key in enumerate(keys) if key not in known]
+        if fresh:
+            found = _equations(pairs[fresh], _turn(images, turned, 1), _turn(labels, turned, 1))
+            for index, number in enumerate(fresh):
+                known[keys[number]] = found[0][:, index], found[1][:, index]
+        products, sides = np.zeros((3, len(keys), 4, 4)), np.zeros((3, len(keys), 4))
+        for number, key in enumerate(keys):
+            products[:, number], sides[:, number] = known[key]
         unknowns = np.stack([2 * first, 2 * first + 1, 2 * second, 2 * second + 1], axis=-1)
         # The products of a seam fill 4 x 4 entries of the matrix. SciPy adds up entries of the same
         # position.

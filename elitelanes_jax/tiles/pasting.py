@@ -5,7 +5,7 @@ opaque pixel of the object's picture. So masks need no interpolation. Colours ar
 samples a pixel.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import cv2
@@ -205,9 +205,26 @@ def _seen(
     rows, columns = (
         np.flatnonzero(mask.any(axis=1 - axis)) + window[axis].start for axis in (0, 1)
     )
+    whole, covered = measure_whole(item, covered, size, near)
+    box = int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
+    return Seen(box, whole, int(mask.sum()) / covered)
+
+
+def measure_whole(
+    item: Placed,
+    covered: int,
+    size: tuple[int, int],
+    near: float,
+    bend: Callable[[Float[NDArray, "N 2"]], Float[NDArray, "N 2"]] = lambda points: points,
+) -> tuple[tuple[float, float, float, float], int]:
+    """Returns the box of a whole picture, and the number of pixels that it would cover.
+
+    The other picture of `size` shows `covered` of these pixels. `bend` moves points of it as a lens
+    does.
+    """
     points = map_points(outline(item.pixels), item.matrix)
-    points = points[points[:, 2] > near]
-    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    points = bend(points[points[:, 2] > near][:, :2])
+    low, high = points.min(axis=0), points.max(axis=0)
     # If a part is beyond the edges, the areas of the picture's pixels in the view are added up. The
     # area of one is the determinant divided by the cube of its depth.
     if (low < 0).any() or (high > size[::-1]).any():
@@ -215,8 +232,7 @@ def _seen(
         depth = map_points(np.column_stack([u + 0.5, v + 0.5]), item.matrix)[:, 2]
         area = (abs(np.linalg.det(item.matrix)) / depth[depth > near] ** 3).sum()
         covered = max(covered, round(float(area)))
-    box = int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
-    return Seen(box, (*low.tolist(), *(high - low).tolist()), int(mask.sum()) / covered)
+    return (*low.tolist(), *(high - low).tolist()), covered
 
 
 def paste_objects(

@@ -30,7 +30,7 @@ from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import KIND_OF
-from elitelanes_jax.tiles._blend import feather, lay_toned, solve_tones
+from elitelanes_jax.tiles._blend import Equations, feather, lay_toned, solve_tones
 from elitelanes_jax.tiles._lots import draw_lots
 from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat, load_objects
@@ -237,14 +237,30 @@ def draw_layers(
     if not tiles.blend:
         return {name: _lay_out(scaled[name], picture) for name in names}
     layers = {name: _lay_out(scaled[name], picture) for name in names if name != "image"}
-    # Compared at one size, tiles have one light at all sizes.
-    small = scale_tiles(tiles, COMPARED_PX)
-    tones = solve_tones(grid, picture, small["image"], small["labels"])
+    tones = solve_light(grid, tiles, chosen)
     image = feather(lay_toned(scaled["image"], picture, tones), layers["labels"], grid)
     if any(tile.opaque is not None for tile in tiles.tiles):
         # Transparent pixels show the ground of empty cells, whose light does not change.
         image[~show_paved(tiles, chosen, tile_px) & (layers["labels"] == 0)] = GROUND
     return layers | {"image": image}
+
+
+def solve_light(
+    grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]
+) -> NDArray[np.float64]:
+    """Solves for the gains and offsets of blended tiles, see `solve_tones`.
+
+    Compared at one size, tiles have one light at all sizes.
+    """
+    small = scale_tiles(tiles, COMPARED_PX)
+    picture = chosen[..., 0] * 4 + chosen[..., 1]
+    return solve_tones(grid, picture, small["image"], small["labels"], _known_equations(tiles))
+
+
+@lru_cache(maxsize=4)
+def _known_equations(_: TileSet) -> Equations:
+    """Returns the table of equations of a tile set, which all its maps fill."""
+    return {}
 
 
 def check_tile_px(tile_px: UserValue) -> int:

@@ -129,17 +129,17 @@ def test_shards_go_on_after_an_error(name, tmp_path, monkeypatch):
     needs(name)
     spec = small(views=2, format=name)
     make_dataset(spec, tmp_path / "expected")
-    from elitelanes_jax.dataset._drawing import draw_sample
+    from elitelanes_jax.dataset._sampling import draw_from_above
 
     drawn = []
 
-    def full_disk(*given, **named):
+    def full_disk(*given):
         drawn.append(given[2])
         if len(drawn) == 6:
             raise OSError(28, "No space left on device", "picture")
-        return draw_sample(*given, **named)
+        return draw_from_above(*given)
 
-    monkeypatch.setattr("elitelanes_jax.dataset._drawing.draw_sample", full_disk)
+    monkeypatch.setattr("elitelanes_jax.dataset._sampling.draw_from_above", full_disk)
     with pytest.raises(OSError, match="No space left"):
         make_dataset(spec, tmp_path / "out", workers=1)
     files_so_far = files(tmp_path / ".out-unfinished" / "files")

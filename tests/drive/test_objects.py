@@ -191,6 +191,6 @@ def test_faults_are_named():
         make_billboards({"cone": {0: np.zeros((0, 2, 4), np.uint8)}})
     with pytest.raises(InputError, match=r"objects: expected views of cone by degrees, got \[\]"):
         make_billboards({"cone": []})
-    with pytest.raises(InputError, match="objects: expected at most 512 different objects, .* got 513"):
-        pack_billboards([{}] * 513)
+    with pytest.raises(InputError, match="objects: expected at most 4096 different objects, .* got 4097"):
+        pack_billboards([{}] * 4097)
     assert set(load_objects().views_by_kind) == set(OBJECT_KINDS)

@@ -11,7 +11,7 @@ from PIL import Image
 from elitelanes_jax import InputError, RoadMap, load_tiles, render
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import draw_sample
-from elitelanes_jax.dataset._transforms import parse_transforms, parse_viewpoints
+from elitelanes_jax.dataset._transforms import parse_transforms
 from elitelanes_jax.tiles import choose_tiles, load_objects, mask_folder
 from elitelanes_jax.tiles.files import GROUND, read_image
 from elitelanes_jax.tiles.object_set import default_objects
@@ -215,7 +215,7 @@ def test_patterns_of_the_background_show_through(folder, cut):
     plain = draw_sample(RoadMap(TOWN), tiles, 0, tile_px=96)
     changed = (sample.layers["image"] != plain.layers["image"]).any(axis=-1)
     assert not changed[sample.layers["labels"] > 0].any()
-    robot = draw_sample(RoadMap(TOWN), tiles, 0, tile_px=64, transforms=transforms, camera=parse_viewpoints([]))
+    robot = draw_sample(RoadMap(TOWN), tiles, 0, tile_px=64, transforms=transforms, camera=[])
     assert not robot.layers["labels"][(robot.layers["image"] == GROUND).all(axis=-1)].any()
 
 
