@@ -6,11 +6,11 @@ Samples are drawn in threads here or on the workers of an executor.
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -18,20 +18,22 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.engine import Pool, call_on_workers, part_with
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file, write_atomic
+from elitelanes_jax._util.folders import Unfinished, remove
+from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._layouts import Layout, find_layout, write_sample
 from elitelanes_jax.dataset._samples import Sample, SampleSettings
 from elitelanes_jax.dataset._sampling import Drawer, make_drawer
-from elitelanes_jax.dataset._shards import ShardFields, ShardSample, encode_sample
-from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.dataset._shards import ShardFields, ShardSample, encode_sample, shard_fields
+from elitelanes_jax.dataset.planning import PlannedDataset
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish
+from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.packed import Pictures
-from elitelanes_jax.tiles.tileset import TileSet
 
 # The most pictures of a part for an executor. They are work of a second or more, and some megabytes
 # that return.
@@ -170,23 +172,36 @@ class Drawing:
     """What samples are drawn from.
 
     Attributes:
-      spec: the specification of the dataset.
-      maps: the maps by their indices in the dataset.
-      tiles: the tile set to draw the maps with.
-      objects: whose pictures to draw the maps' objects with; None to leave them out.
+      settings: what all samples have in common.
+      views: the number of samples of each map.
+      furnish: what is placed on the map of each sample; None to keep the maps' objects.
+      format: the name of the layout.
       fields: the fields of the records in shards.
+      maps: the maps by their indices in the dataset.
     """
 
-    spec: DatasetSpec
-    maps: Mapping[int, RoadMap]
-    tiles: TileSet
-    objects: ObjectSet | None
+    settings: SampleSettings
+    views: int
+    furnish: FurnishSpec | None
+    format: str
     fields: ShardFields
+    maps: Mapping[int, RoadMap]
+
+    @classmethod
+    def of_maps(cls, plan: PlannedDataset, maps: Sequence[RoadMap]) -> Self:
+        """Returns what the samples of a planned dataset are drawn from."""
+        spec = plan.spec
+        settings = SampleSettings(
+            Pictures(plan.tiles, plan.objects), spec.seed, spec.pixels, spec.transforms, spec.camera
+        )
+        fields = shard_fields(maps, has_camera=bool(spec.camera), has_objects=bool(plan.objects))
+        numbered = dict(enumerate(maps))
+        return cls(settings, spec.views, spec.furnish, spec.format, fields, numbered)
 
     @property
     def layout(self) -> Layout:
         """The layout of the dataset."""
-        return find_layout(self.spec.format)
+        return find_layout(self.format)
 
     def groups(self, indices: Sequence[int]) -> list[Sequence[int]]:
         """Divides samples into groups that are drawn together."""
@@ -199,42 +214,72 @@ class Drawing:
 
     @cached_property
     def _drawer(self) -> Drawer:
-        spec = self.spec
-        settings = SampleSettings(
-            self.tiles, spec.seed, spec.pixels, spec.transforms, spec.camera, self.objects
-        )
-        return make_drawer(settings, self.maps.values())
+        return make_drawer(self.settings, self.maps.values())
 
     def _map_of(self, index: int) -> RoadMap:
         """Returns the map of a sample, furnished for the sample."""
-        spec, road_map = self.spec, self.maps[index // self.spec.views]
-        if spec.furnish is None:
-            return road_map
+        number, settings = index // self.views, self.settings
+        if self.furnish is None:
+            return self.maps[number]
         # Each view of a map has objects of its own, from the seed of the dataset and the index of
         # the sample.
-        seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
-        place = partial(furnish, spec=spec.furnish, seed=seed, lane_offset=self.tiles.lane_offset)
-        return check_named(f"furnish: map {index // spec.views}", place, road_map)
+        seed = int(np.random.SeedSequence([settings.seed, index]).generate_state(1)[0])
+        place = partial(
+            furnish, spec=self.furnish, seed=seed, lane_offset=settings.tiles.lane_offset
+        )
+        return check_named(f"furnish: map {number}", place, self.maps[number])
+
+
+def draw_missing(
+    drawing: Drawing, samples: Samples, work: Unfinished, workers: int, pool: Pool | None
+) -> None:
+    """Draws the samples that no earlier run has drawn, here or on the pool.
+
+    Raises:
+      InputError: if objects do not fit a map. Then all pictures are deleted.
+    """
+    with Progress("drawing", samples.total, "pictures", done=samples.count_drawn()) as bar:
+        try:
+            if pool is None:
+                for block in samples.blocks():
+                    if indices := block.missing():
+                        _draw_block(drawing, block, indices, samples.files, workers, bar.count)
+            else:
+                _draw_on(pool, drawing, samples, bar.count)
+        except InputError:
+            # The maps can be drawn with other objects.
+            delete_pictures(work)
+            raise
+
+
+def delete_pictures(work: Unfinished) -> None:
+    """Deletes the pictures so far, and keeps the maps.
+
+    A picture with a record counts as drawn, so records go first.
+    """
+    for entry in (work.kept / "records", *work.files.iterdir(), work.kept / "pictures.json"):
+        remove(entry)
+
+
+def draw_again(
+    drawing: Drawing, indices: Sequence[int], samples: Samples, layout: Layout, folder: Path
+) -> None:
+    """Draws samples of shards again as files of another layout."""
+    for group in drawing.groups(indices):
+        for index, sample in zip(group, drawing.draw(group), strict=True):
+            write_sample(sample, layout, samples.split_of(index), folder)
 
 
 Ended = Callable[[int], object]
 """Called with the number of samples that were drawn."""
 
 
-def draw_here(drawing: Drawing, samples: Samples, workers: int, ended: Ended) -> None:
-    """Draws the missing samples in threads."""
-    for block in samples.blocks():
-        if indices := block.missing():
-            _draw_block(drawing, block, indices, samples.files, workers, ended)
-
-
-def draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> None:
+def _draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> None:
     """Draws the missing samples on an executor's workers, and writes the files that return."""
     # Samples that are drawn already are no part of any task.
     tasks = _tasks(pool, drawing, samples)
-    pictures = Pictures(drawing.tiles, drawing.objects)
-    # Given maps are not sent with the specification. Each task has the maps that it draws.
-    common = _Common(drawing.spec.without_given(), pictures, drawing.fields)
+    # Each task has the maps that it draws.
+    common = replace(drawing, maps={})
     # Workers use the layout's package, so its version has to be the same there.
     needs = drawing.layout.needs
     packages = () if needs is None else (needs,)
@@ -247,20 +292,6 @@ def draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> Non
         for portion, lines in zip(tasks[number].portions, records, strict=True):
             _append(portion.block.records, lines)
             ended(len(portion.indices))
-
-
-class _Common(NamedTuple):
-    """What all tasks of a dataset draw with: a `Drawing` without its maps.
-
-    Attributes:
-      spec: the specification of the dataset, without given maps.
-      pictures: the sets of tiles and objects.
-      fields: the fields of the records in shards.
-    """
-
-    spec: DatasetSpec
-    pictures: Pictures
-    fields: ShardFields
 
 
 class _Portion(NamedTuple):
@@ -318,19 +349,19 @@ def _maps_of(portions: list[_Portion], drawing: Drawing) -> dict[int, RoadMap]:
     maps = {}
     for portion in portions:
         for index in portion.indices:
-            number = index // drawing.spec.views
+            number = index // drawing.views
             maps[number] = drawing.maps[number]
     return maps
 
 
-def _draw_task(common: _Common, task: _Task) -> tuple[dict[str, bytes], list[bytes]]:
+def _draw_task(common: Drawing, task: _Task) -> tuple[dict[str, bytes], list[bytes]]:
     """Runs on a worker: draws samples in a temporary folder.
 
     Returns:
       The content of each file, by its path in the dataset, and the lines of the records of each
       portion.
     """
-    drawing = Drawing(common.spec, task.maps, *common.pictures, common.fields)
+    drawing = replace(common, maps=task.maps)
     records = []
     with TemporaryDirectory() as folder:
         files = Path(folder, "files")

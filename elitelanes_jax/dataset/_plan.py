@@ -1,7 +1,7 @@
 """The maps of a dataset, evolved round by round."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from elitelanes_jax._util.errors import NotEnoughMapsError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, start_thread
-from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
+from elitelanes_jax.dataset.planning import PlannedDataset
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
 from elitelanes_jax.search.parts import evolve_each
@@ -36,12 +36,7 @@ _FEW = 8
 _AHEAD = 2
 
 
-def evolve_maps(
-    spec: DatasetSpec,
-    searches: Mapping[tuple[int, int], Search],
-    work: Path,
-    pool: Pool | None = None,
-) -> list[RoadMap]:
+def evolve_maps(plan: PlannedDataset, work: Path, pool: Pool | None = None) -> list[RoadMap]:
     """Evolves the maps round by round, and writes a file after each round to the folder `work`.
 
     The workers of a pool evolve the rounds that are needed at least, side by side.
@@ -52,13 +47,13 @@ def evolve_maps(
     """
     # Each size has a search of its own, because a program is compiled for one size.
     sizes: list[_Size] = []
-    for shape, count in maps_by_shape(spec).items():
-        sizes.append(_Size(spec.seed, searches[shape], count, work))
+    for shape, count in plan.counts.items():
+        sizes.append(_Size(plan.spec.seed, plan.searches[shape], count, work))
     # Workers search the rounds that are certain to be needed. The loop below reads their results.
     if pool is not None:
         _evolve_ahead(sizes, pool)
     maps: list[RoadMap] = []
-    with Progress("evolving", spec.maps, "maps") as bar:
+    with Progress("evolving", plan.spec.maps, "maps") as bar:
         # Each function waits for the programs of a size, which are compiled beside the searches of
         # the sizes before it. The first size compiles its own.
         compiled: list[Callable[[], None]] = [lambda: None]

@@ -13,6 +13,7 @@ from elitelanes_jax.dataset._views import DrawnTransform
 from elitelanes_jax.drive.camera_options import LaneCamera
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet
+from elitelanes_jax.tiles.packed import Pictures
 from elitelanes_jax.tiles.rendering import LABELS, TileChoice, plan_choice
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -40,20 +41,29 @@ class SampleSettings:
     """What all samples of a dataset have in common.
 
     Attributes:
-      tiles: the tile set to draw maps with.
+      pictures: the tile set to draw maps with, and the object set; without one, objects are left
+        out.
       seed: the seed of the dataset.
       tile_px: side of a tile in pixels.
       transforms: the ranges of views.
       camera: the camera of robots; None for views from above.
-      objects: whose pictures to draw the maps' objects with; None to leave them out.
     """
 
-    tiles: TileSet
+    pictures: Pictures
     seed: int
     tile_px: int
     transforms: Transforms
     camera: LaneCamera | None
-    objects: ObjectSet | None
+
+    @property
+    def tiles(self) -> TileSet:
+        """The tile set."""
+        return self.pictures.tiles
+
+    @property
+    def objects(self) -> ObjectSet | None:
+        """The object set; None to leave objects out."""
+        return self.pictures.objects
 
 
 def choose_pictures(settings: SampleSettings, road_map: RoadMap, index: int) -> NDArray[np.int_]:

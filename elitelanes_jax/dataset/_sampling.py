@@ -12,6 +12,7 @@ from elitelanes_jax.dataset._views_from_above import draw_from_above
 from elitelanes_jax.drive.camera_options import LaneCamera, parse_camera
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet
+from elitelanes_jax.tiles.packed import Pictures
 from elitelanes_jax.tiles.rendering import check_tile_px
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -50,7 +51,9 @@ def draw_sample(
     check_named("tiles", instance(TileSet), tiles)
     ranges: Transforms = check_named("transforms", parse_transforms, transforms)
     lane_camera: LaneCamera | None = check_named("camera", none_or(parse_camera), camera)
-    settings = SampleSettings(tiles, seed, check_tile_px(tile_px), ranges, lane_camera, objects)
+    settings = SampleSettings(
+        Pictures(tiles, objects), seed, check_tile_px(tile_px), ranges, lane_camera
+    )
     (sample,) = make_drawer(settings, [road_map]).draw([road_map], [index])
     return sample
 

@@ -13,9 +13,7 @@ from typing import NamedTuple
 
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.dataset._samples import Sample, layer_names
-from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.rendering import png_of
 
 # The rows of a row group. A reader of Parquet has all of them in memory at once.
@@ -55,9 +53,7 @@ class ShardFields(NamedTuple):
     objects: bool
 
 
-def shard_fields(
-    spec: DatasetSpec, maps: Sequence[RoadMap], objects: ObjectSet | None
-) -> ShardFields:
+def shard_fields(maps: Sequence[RoadMap], *, has_camera: bool, has_objects: bool) -> ShardFields:
     """Returns what the samples of a dataset have in their records."""
     metrics: dict[str, bool] = {}
     for road_map in maps:
@@ -65,7 +61,7 @@ def shard_fields(
             # A column has one type. A metric that is a fraction on one map is a column of
             # fractions.
             metrics[name] = metrics.get(name, True) and isinstance(value, int)
-    return ShardFields(metrics, spec.camera is not None, objects is not None)
+    return ShardFields(metrics, has_camera, has_objects)
 
 
 OpenShard = Callable[[Path, ShardFields], AbstractContextManager[Callable[[ShardSample], None]]]

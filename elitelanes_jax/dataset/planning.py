@@ -3,9 +3,14 @@
 Tiles are read and searches are resolved, before JAX is imported.
 """
 
+import json
+from importlib.metadata import version
 from typing import NamedTuple
 
 from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.packages import installed_versions
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._layouts import find_layout
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
@@ -30,13 +35,17 @@ class PlannedDataset(NamedTuple):
       spec: the specification of the dataset.
       tiles: the tile set to draw the maps with.
       searches: resolved, by the (height, width) of the maps; empty for given maps.
+      counts: the number of maps of each size.
       objects: whose pictures to draw the maps' objects with; None if there are no objects.
+      identity: all that the files depend on, plain values for JSON.
     """
 
     spec: DatasetSpec
     tiles: TileSet
     searches: dict[tuple[int, int], Search]
+    counts: dict[tuple[int, int], int]
     objects: ObjectSet | None
+    identity: dict[str, Plain]
 
 
 def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
@@ -44,21 +53,45 @@ def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
 
     Raises:
       InputError: for constraints that no map can meet, given maps that cannot be drawn, objects
-        that no map has room for, or a bad set of tiles or objects.
+        that no map has room for, a bad set of tiles or objects, or a missing package of the layout.
     """
+    find_layout(spec.format)
     tiles = load_tiles(spec.tiles)
-    searches = {}
+    searches, counts = {}, maps_by_shape(spec)
     if spec.maps_from is None:
         _check_fixed_cells(spec)
         # Constraints are checked for each size, because a small map may not be able to meet them.
-        for shape in maps_by_shape(spec):
+        for shape in counts:
             searches[shape] = resolve_to_draw(spec.search, shape, tiles)
             # Objects that no map has room for would end the run only after the search.
             if spec.furnish is not None:
                 check_furnishable(spec.furnish, searches[shape])
     else:
         _check_given(spec, spec.maps_from, tiles)
-    return PlannedDataset(spec, tiles, searches, _load_objects(spec, searches))
+    objects = _load_objects(spec, searches)
+    identity = _identify(spec, tiles, objects)
+    return PlannedDataset(spec, tiles, searches, counts, objects, identity)
+
+
+def _identify(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> dict[str, Plain]:
+    """Returns all that the files depend on, plain values for JSON."""
+    plain = spec.to_plain() | {"tile_px": spec.pixels}
+    # The pictures and the maps count, not their paths.
+    del plain["tiles"], plain["objects"], plain["maps_from"]
+    versions = installed_versions()
+    # The bytes of Parquet depend on the version of pyarrow.
+    if spec.format == "parquet":
+        versions["pyarrow"] = version("pyarrow")
+    identity = {
+        "settings": plain,
+        "given_maps": None if spec.maps_from is None else spec.maps_from.digest,
+        "tile_set": tiles.to_plain(),
+        "versions": versions,
+    }
+    if objects is not None:
+        identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
+    # Tuples become lists here, as in a record that is read from its file.
+    return json.loads(json.dumps(identity))
 
 
 def _check_fixed_cells(spec: DatasetSpec) -> None:

@@ -4,7 +4,6 @@ This module needs neither JAX nor OpenCV.
 """
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 from itertools import product
 from math import floor, prod
@@ -283,16 +282,6 @@ class DatasetSpec(Record):
         """The indices of the maps to draw: all, or those of the part."""
         index, count = self.part or (1, 1)
         return part_of(self.maps, index - 1, count)
-
-    def without_given(self) -> Self:
-        """Returns the specification without the given maps.
-
-        It is for a worker that gets the maps to draw alone.
-        """
-        # `replace` would check the fields again, and determine the number of maps anew.
-        spec = copy(self)
-        object.__setattr__(spec, "maps_from", None)
-        return spec
 
     def to_plain(self) -> dict[str, UserValue]:
         """Returns plain values for JSON, without the part; for given maps their digest."""

@@ -30,6 +30,7 @@ from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import load_objects
+from elitelanes_jax.tiles.packed import Pictures
 from elitelanes_jax.tiles.rendering import render
 from elitelanes_jax.tiles.tileset import own_tiles
 
@@ -42,7 +43,7 @@ PX = 64
 def draw(count, camera=TINY, codes=TOWN, tiles=None, objects=(), object_set=None, tile_px=16, transforms=Transforms()):
     """Draws samples of one map, in batches, as a dataset does."""
     road_map = RoadMap(codes, objects=objects)
-    settings = SampleSettings(tiles or own_tiles(), 0, tile_px, transforms, camera, object_set)
+    settings = SampleSettings(Pictures(tiles or own_tiles(), object_set), 0, tile_px, transforms, camera)
     drawer, samples = make_drawer(settings, [road_map]), []
     for first in range(0, count, drawer.at_once):
         indices = range(first, min(count, first + drawer.at_once))
@@ -168,7 +169,7 @@ def test_a_view_has_the_same_bits_in_each_batch(transforms, drawn_tiles):
         *(road_map, drawn_tiles, 13),
         **{"tile_px": 32, "transforms": transforms, "camera": options["camera"], "objects": options["object_set"]},
     )
-    settings = SampleSettings(drawn_tiles, 0, 32, transforms, options["camera"], options["object_set"])
+    settings = SampleSettings(Pictures(drawn_tiles, options["object_set"]), 0, 32, transforms, options["camera"])
     larger = RoadMap(np.pad(TOWN, (0, 9)), objects=furnish(TOWN, "all", seed=5).objects * 3)
     drawer = make_drawer(settings, [road_map, larger])
     _, moved, _ = drawer.draw([larger, road_map, larger], [40, 13, 2])
