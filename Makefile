@@ -147,9 +147,9 @@ pufferdrive: $(READY) .venv-pufferdrive/pufferdrive_check
 	  > .venv-pufferdrive/drive_core.h
 	gcc -O2 -w -D_GNU_SOURCE -include stdbool.h -I.venv-pufferdrive -I$(DRIVE) -o $@ $< -lm
 
-# webdataset, and Hugging Face's datasets on Parquet.
+# webdataset, Hugging Face's datasets on Parquet, and mlcroissant on all layouts.
 shards: .venv-shards/.ready
-	.venv-shards/bin/python -m pytest tests/dataset/test_shards.py
+	.venv-shards/bin/python -m pytest tests/dataset/test_shards.py tests/dataset/test_croissant.py
 
 # Ultralytics and PyTorch, called from ours as programs.
 yolo: $(READY) .venv-yolo/.ready

@@ -9,6 +9,7 @@ from jaxtyping import UInt8
 
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._fields import OBJECTS, Contents
 from elitelanes_jax.dataset.spec import describe_sides
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network.likeness import ALIKE
@@ -20,8 +21,11 @@ _SHEET_PX, _GROUND = 240, 236
 # The longer side of a picture with boxes is about this many pixels. The colour of the boxes, RGB.
 _BOXES_PX, _BOX_COLOUR = 960, (255, 0, 200)
 
-# The licences that Hugging Face knows, by its names.
-_LICENCES = {
+TITLE = "Road maps of a miniature city, with labels"
+
+TAGS = ("road-networks", "duckietown", "synthetic")
+
+LICENCES = {
     "apache-2.0",
     "mit",
     "cc0-1.0",
@@ -31,53 +35,32 @@ _LICENCES = {
     "bsd-3-clause",
     "gpl-3.0",
 }
+"""The licences that Hugging Face knows, by its names, which are SPDX's in lower case."""
 
 # Hugging Face's categories of size. The number of pictures is less than the limit of its category.
 _SIZES = ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"))
 
 _POSES = """
-`d` is the robot's distance to the left of its lane's centre in tiles. `phi` is the angle in radians by which it is
-turned to the left of the lane. `curvature` is the lane's curvature to the left, in 1 / tiles. They refer to the lane of
-`movement`, which was drawn at random: the row and the column of a tile, the heading with which it is entered (0 north,
-1 east, 2 south, 3 west), and the turn (0 right, 1 straight, 2 left). On a crossing, several movements pass the same
-position, and no picture shows which one was drawn. `nearest` has `d`, `phi` and `curvature` of the nearest lane that
-leads less than a quarter turn away from the robot's direction. They depend on the pose alone. Train on `nearest`,
-unless the network also receives the turn. `pose` is the robot's position on the map, `x` east and `y` south in tiles,
-and `theta`, counter-clockwise from east. `camera` has the camera's height and its distance ahead of the robot's middle
-in metres, and its angles in degrees. `transform.matrix` maps points behind the camera to a third coordinate of 0 or
-less."""
+On a crossing, several movements pass the same position, and no picture shows which one was drawn. `nearest` depends on
+the pose alone. Train on `nearest`, unless the network also receives the turn. `transform.matrix` maps points behind the
+camera to a third coordinate of 0 or less, and points in front of it to where a camera without distortion sees them."""
 
-_METADATA = """\
-The metadata of each sample have these fields. A field is missing if a given map has no such value.
-
-| field | value |
-|---|---|
-| `image_file_name`, `labels_file_name` | the files of the sample, in the layout imagefolder alone |
-| `number` | the index of the sample in the dataset, from 0; its files have this number |
-| `size`, `pixels` | rows and columns: of the map in tiles, and of the picture in pixels |
-| `codes` | the tile code of each cell, 8·N + 4·E + 2·S + 1·W of the sides that are open |
-| `metrics` | the metrics of the map; the command `elitelanes metrics` explains them |
-| `fitness`, `niche` | the map's fitness, lower is better, and its bin on each axis of the niches |
-| `map_seed` | the seed of the search, and the index of the search's run that found the map |
-| `tiles`, `quarter_turns` | the tile picture of each cell, and its quarter turns counter-clockwise |
-| `transform` | `matrix` maps points (x, y) of the plain map, in pixels from its top left corner, to points of the \
-picture; the other values are the light, blur and noise of the picture |
-| `class_pixels` | the number of pixels of each label |"""
-
-_OBJECTS = """
-`objects` in the metadata lists the objects that are seen: `kind` (`category` in the layout imagefolder); `instance`
-(`id`), the object's number in the mask of instances; `box` (`bbox`), x, y, width and height of what is seen, in pixels;
-`whole`, the same for the whole object, as if nothing hid it; `visible`, the share of its pixels that is seen; and, in
-views from a robot, `distance` in metres. Objects are background in labels and masks."""
+_FILES = "the files of the sample, in the layout imagefolder alone"
 
 
 def write_card(
-    about: dict[str, Plain], loading: str, arrays: str, guide: str, data_files: Mapping[str, str]
+    about: dict[str, Plain],
+    contents: Contents,
+    loading: str,
+    arrays: str,
+    guide: str,
+    data_files: Mapping[str, str],
 ) -> str:
     """Returns the README of a dataset, Markdown with the front matter that Hugging Face reads.
 
     Args:
       about: the record in ``dataset.json``.
+      contents: the fields of the samples' metadata.
       loading: a program that loads it.
       arrays: a program that loads it as NumPy arrays.
       guide: text about the files of its layout.
@@ -85,8 +68,8 @@ def write_card(
     """
     # The front matter has to be first, because Hugging Face reads it only there.
     lines = _front_matter(about, data_files)
-    lines += ["", "# Road maps of a miniature city, with labels", ""]
-    lines += _introduction(about)
+    lines += ["", f"# {TITLE}", ""]
+    lines += introduce(about)
     lines += ["", "![Some of them](contact-sheet.png)", ""]
     lines += _table_of_classes(about)
     lines += [
@@ -97,11 +80,11 @@ def write_card(
     lines += ["", "```python", loading, "```"]
     lines += ["", "As NumPy arrays:", "", "```python", arrays, "```", ""]
     # Poses and objects are explained only if the samples have them.
-    lines.append(_METADATA)
-    if about["settings"]["camera"] is not None:
+    lines += _table_of_fields(contents)
+    if contents.camera:
         lines.append(_POSES)
-    if "object_set" in about:
-        lines.append(_OBJECTS)
+    if contents.objects:
+        lines += ["", OBJECTS]
     if guide:
         lines.append(guide)
     lines += ["", "## How it was made", ""]
@@ -114,13 +97,10 @@ def _front_matter(about: dict[str, Plain], data_files: Mapping[str, str]) -> lis
     """Returns the lines that Hugging Face reads."""
     # Hugging Face's names of licences are in lower case.
     licence = about["tile_set"]["licence"].lower()
-    tasks = "image-segmentation"
-    if "object_set" in about:
-        tasks += ", object-detection"
     lines = [
         "---",
-        f"task_categories: [{tasks}]",
-        f"license: {licence if licence in _LICENCES else 'other'}",
+        f"task_categories: [{', '.join(tasks_of(about))}]",
+        f"license: {licence if licence in LICENCES else 'other'}",
     ]
     total = sum(about["pictures"].values())
     # The first limit above the number of pictures is that of its category.
@@ -128,7 +108,7 @@ def _front_matter(about: dict[str, Plain], data_files: Mapping[str, str]) -> lis
         if total < limit:
             lines.append(f"size_categories: [{category}]")
             break
-    lines.append("tags: [road-networks, duckietown, synthetic]")
+    lines.append(f"tags: [{', '.join(TAGS)}]")
     if data_files:
         lines += ["configs:", "- config_name: default", "  data_files:"]
     for split, pattern in data_files.items():
@@ -137,7 +117,30 @@ def _front_matter(about: dict[str, Plain], data_files: Mapping[str, str]) -> lis
     return lines
 
 
-def _introduction(about: dict[str, Plain]) -> list[str]:
+def tasks_of(about: dict[str, Plain]) -> list[str]:
+    """Returns what a dataset is for, by the names of Hugging Face."""
+    tasks = ["image-segmentation"]
+    return [*tasks, "object-detection"] if "object_set" in about else tasks
+
+
+def _table_of_fields(contents: Contents) -> list[str]:
+    """Returns a table of the metadata."""
+    lines = [
+        "The metadata of each sample have these fields. A field is missing if a given map has no "
+        "such value.",
+        "",
+        "| field | value |",
+        "|---|---|",
+        f"| `image_file_name`, `labels_file_name` | {_FILES} |",
+    ]
+    for fields, words in contents.groups():
+        # The objects are explained below the table.
+        if words != OBJECTS:
+            lines.append(f"| {', '.join(f'`{field.name}`' for field in fields)} | {words} |")
+    return lines
+
+
+def introduce(about: dict[str, Plain]) -> list[str]:
     """Returns what the pictures show, and how the maps differ."""
     counts = about["pictures"]
     settings = about["settings"]
@@ -190,6 +193,12 @@ def _origin(about: dict[str, Plain]) -> list[str]:
     tile_set, settings = about["tile_set"], about["settings"]
     search = settings["search"]
     lines = [f"- tile set: {tile_set['name']}, licence: {tile_set['licence'] or 'not stated'}"]
+    if settings["camera"] is not None:
+        spread = tile_set.get("lane_offset_spread")
+        measured = "" if spread is None else f", with a standard deviation of {spread:g}"
+        lines.append(
+            f"- lanes: {tile_set['lane_offset']:g} tiles beside the road's middle{measured}"
+        )
     if "object_set" in about:
         lines.append(f"- object set: {about['object_set']['name']}")
     # Given maps were not searched for, so no method is named.

@@ -24,10 +24,11 @@ from elitelanes_jax._util.folders import Unfinished, remove
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._fields import Contents, add_metrics
 from elitelanes_jax.dataset._layouts import Layout, find_layout, write_sample
 from elitelanes_jax.dataset._samples import Sample, SampleSettings
 from elitelanes_jax.dataset._sampling import Drawer, make_drawer
-from elitelanes_jax.dataset._shards import ShardFields, ShardSample, encode_sample, shard_fields
+from elitelanes_jax.dataset._shards import ShardSample, encode_sample
 from elitelanes_jax.dataset.planning import PlannedDataset
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish
@@ -176,7 +177,7 @@ class Drawing:
       views: the number of samples of each map.
       furnish: what is placed on the map of each sample; None to keep the maps' objects.
       format: the name of the layout.
-      fields: the fields of the records in shards.
+      contents: what the samples have in their records.
       maps: the maps by their indices in the dataset.
     """
 
@@ -184,7 +185,7 @@ class Drawing:
     views: int
     furnish: FurnishSpec | None
     format: str
-    fields: ShardFields
+    contents: Contents
     maps: Mapping[int, RoadMap]
 
     @classmethod
@@ -194,9 +195,12 @@ class Drawing:
         settings = SampleSettings(
             Pictures(plan.tiles, plan.objects), spec.seed, spec.pixels, spec.transforms, spec.camera
         )
-        fields = shard_fields(maps, has_camera=bool(spec.camera), has_objects=bool(plan.objects))
+        metrics: dict[str, bool] = {}
+        for road_map in maps:
+            add_metrics(metrics, road_map.metrics)
+        contents = Contents(metrics, spec.camera is not None, plan.objects is not None)
         numbered = dict(enumerate(maps))
-        return cls(settings, spec.views, spec.furnish, spec.format, fields, numbered)
+        return cls(settings, spec.views, spec.furnish, spec.format, contents, numbered)
 
     @property
     def layout(self) -> Layout:
@@ -441,7 +445,7 @@ def _draw_shard(
 
     with new_file(files / layout.shard_file(block.split, block.number, block.total)) as part:
         part.parent.mkdir(parents=True, exist_ok=True)
-        with layout.open_shard(part, drawing.fields) as write:
+        with layout.open_shard(part, drawing.contents) as write:
             # This is the sample that the shard needs next.
             due = next(following)
 

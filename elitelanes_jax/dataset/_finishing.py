@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Set
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,11 @@ from elitelanes_jax._util.files import read_json, write_atomic, write_json
 from elitelanes_jax._util.sums import write_sums
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
+from elitelanes_jax.dataset._croissant import describe_croissant
 from elitelanes_jax.dataset._drawing import Drawing, Samples, draw_again
+from elitelanes_jax.dataset._fields import Contents, add_metrics
 from elitelanes_jax.dataset._layouts import (
+    CROISSANT,
     LAYOUTS,
     MAPS,
     PART,
@@ -40,6 +44,22 @@ def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
                 yield f"{json.dumps([split, record])}\n".encode()
 
     write_atomic(samples.files / PART, lines())
+    settings = about["settings"]
+    contents = Contents({}, bool(settings["camera"]), "object_set" in about)
+    counts = {
+        name: sum(len(block.indices) for block in samples.blocks_of(split))
+        for split, name in enumerate(SPLITS)
+    }
+    index, count = about["part"]
+    croissant = describe_croissant(
+        samples.files,
+        about | {"pictures": counts, "classes": _list_classes()},
+        contents,
+        find_layout(settings["format"]),
+        [split for split, name in enumerate(SPLITS) if counts[name]],
+        introduction=f"Part {index} of {count} of a dataset, without the metadata of samples.",
+    )
+    write_json(samples.files / CROISSANT, croissant)
     write_json(samples.files / RECORD, about)
     # The checksums come last, because they are of all other files.
     write_sums(samples.files)
@@ -59,15 +79,19 @@ def finish(
     count = min(_ON_SHEET, samples.total)
     # The pictures on the sheet are evenly spaced.
     on_sheet = [row * samples.total // count for row in range(count)]
-    pixels, records = _list_samples(samples, layout, {*on_sheet})
-    about = identity | _counts(samples, pixels)
+    listed = _list_samples(samples, layout, {*on_sheet})
+    about = identity | _counts(samples, listed.pixels)
+    contents = Contents(listed.metrics, camera is not None, has_objects)
     # Examples in the card are of a split that has pictures.
     first = int(samples.splits.min())
     guide = layout.guide(first, objects=has_objects)
     programs = layout.loading(first), layout.loading_arrays(first, poses=camera is not None)
-    card = write_card(about, *programs, guide, layout.data_files(samples.splits))
+    card = write_card(about, contents, *programs, guide, layout.data_files(samples.splits))
     write_atomic(out / "README.md", card.encode())
-    shown = [records[index] for index in on_sheet]
+    splits = np.unique(samples.splits).tolist()
+    croissant = describe_croissant(out, about, contents, layout, splits, [*listed.names])
+    write_json(out / CROISSANT, croissant)
+    shown = [listed.records[index] for index in on_sheet]
     # The sheet is made from pictures in files.
     if layout.open_shard is None:
         pictures, pictures_layout = out, layout
@@ -91,23 +115,36 @@ def finish(
     return read_json(out / RECORD)
 
 
-def _list_samples(
-    samples: Samples, layout: Layout, wanted: Set[int]
-) -> tuple[dict[str, NDArray[np.int64]], dict[int, dict[str, Plain]]]:
-    """Writes the layout's lists of samples, split by split.
+class _Listed(NamedTuple):
+    """What the records of a dataset have.
 
-    Returns the pixels of each class in each split, and the records of the wanted samples by index.
+    Attributes:
+      pixels: the pixels of each class in each split.
+      records: the records of the samples on the sheet, by index.
+      metrics: see `Contents`.
+      names: the names of the fields that some record has, as keys.
     """
+
+    pixels: dict[str, NDArray[np.int64]]
+    records: dict[int, dict[str, Plain]]
+    metrics: dict[str, bool]
+    names: dict[str, None]
+
+
+def _list_samples(samples: Samples, layout: Layout, wanted: Set[int]) -> _Listed:
+    """Writes the layout's lists of samples, split by split."""
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
-    records: dict[int, dict[str, Plain]] = {}
+    listed = _Listed(pixels, {}, {}, {})
     for split in np.unique(samples.splits).tolist():
         # One pass over the records gives the sums and the records for the sheet.
         for record in samples.read_split(split):
             pixels[SPLITS[split]] += record["class_pixels"]
+            add_metrics(listed.metrics, record.get("metrics"))
+            listed.names.update(dict.fromkeys(record))
             if record["number"] in wanted:
-                records[record["number"]] = record
+                listed.records[record["number"]] = record
         layout.list_samples(samples.files, split, partial(samples.read_split, split))
-    return pixels, records
+    return listed
 
 
 def _counts(samples: Samples, pixels: Mapping[str, NDArray[np.int64]]) -> dict[str, Plain]:
@@ -116,11 +153,15 @@ def _counts(samples: Samples, pixels: Mapping[str, NDArray[np.int64]]) -> dict[s
     for split, name in enumerate(SPLITS):
         # Every map has the same number of views.
         pictures[name] = int((samples.splits == split).sum()) * samples.views
-    classes: list[Plain] = []
-    for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True)):
-        classes.append({"label": label, "name": name, "colour": colour})
     class_pixels = {name: counts.tolist() for name, counts in pixels.items()}
-    return {"pictures": pictures, "classes": classes, "class_pixels": class_pixels}
+    return {"pictures": pictures, "classes": _list_classes(), "class_pixels": class_pixels}
+
+
+def _list_classes() -> list[Plain]:
+    return [
+        {"label": label, "name": name, "colour": colour}
+        for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
+    ]
 
 
 def _on_sheet(

@@ -24,6 +24,9 @@ from elitelanes_jax.tiles.rendering import png_of
 RECORD = "dataset.json"
 """The file with the settings of a dataset."""
 
+CROISSANT = "croissant.json"
+"""The file that describes a dataset for programs."""
+
 MAPS = "maps.jsonl"
 """The file with the maps of a dataset of shards, by which `--maps-from` reads them."""
 
@@ -33,6 +36,7 @@ PART = "part.jsonl"
 # The files of a dataset besides its pictures.
 _DESCRIBING = (
     rf"README\.md|contact-sheet\.png|boxes\.png|{re.escape(RECORD)}|{re.escape(PART)}|{SUMS}"
+    rf"|{re.escape(CROISSANT)}"
     r"|(train|validation|test)/metadata\.jsonl"
     r"|metadata/(train|val|test)\.jsonl|annotations/(objects_)?(train|val|test)\.json"
     r"|labels/(train|val|test)/\d{6,}\.txt|data\.yaml|maps\.jsonl"
@@ -56,6 +60,7 @@ class Layout(NamedTuple):
       arrays: lines of Python that load a split of shards as NumPy arrays, with TARGETS and VALUE
         for what they predict.
       folders: the names of folders that differ from the name of their layer, by layer.
+      renamed: the names of objects' entries that differ from those of records, by the latter.
       note: sample -> additions to its record, for `rows`.
       needs: a package that writing it needs.
       about: text for the README about the files.
@@ -70,6 +75,7 @@ class Layout(NamedTuple):
     open_shard: OpenShard | None = None
     arrays: str = ""
     folders: Mapping[str, str] = {}
+    renamed: Mapping[str, str] = {}
     note: Callable[[Sample], Record] = lambda sample: {}
     needs: str | None = None
     about: str = ""
@@ -102,8 +108,20 @@ class Layout(NamedTuple):
         if self.open_shard is None:
             return {}
         # Hugging Face finds the shards by a pattern, however many there are.
-        patterns = re.sub("SHARD.*COUNT|SHARD", "*", self.path)
-        return {SPLITS[split]: _in_split(patterns, split) for split in np.unique(splits).tolist()}
+        return {SPLITS[split]: self.shards_pattern(split) for split in np.unique(splits).tolist()}
+
+    def shards_pattern(self, split: int) -> str:
+        """Returns a pattern of the paths of a split's shards."""
+        return _in_split(re.sub("SHARD.*COUNT|SHARD", "*", self.path), split)
+
+    def list_file(self, split: int) -> str:
+        """Returns the path of the file with the metadata of a split."""
+        assert self.metadata is not None
+        return _in_split(self.metadata, split)
+
+    def split_name(self, split: int) -> str:
+        """Returns the name of a split in paths."""
+        return SHORT_NAMES[split] if "SHORT" in self.path else SPLITS[split]
 
     def files_pattern(self) -> str:
         """Returns a regular expression of the paths of pictures or shards."""
@@ -124,7 +142,7 @@ class Layout(NamedTuple):
             return
         # The rows are written while they are read, because all may not fit into memory.
         lines = (f"{json.dumps(row)}\n".encode() for row in self.rows(folder, split, read))
-        write_atomic(folder / _in_split(self.metadata, split), lines)
+        write_atomic(folder / self.list_file(split), lines)
 
     def guide(self, split: int, *, objects: bool) -> str:
         """Returns text for the README about the files, with those of a split as examples."""
@@ -252,23 +270,19 @@ def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Recor
         yield file_names | {name: value for name, value in record.items() if value != {}}
 
 
-def _object_columns(record: Record) -> dict[str, list[Plain]]:
-    """Returns the objects of a sample in columns.
+# The names are those that Hugging Face's guides have for boxes.
+_OBJECT_COLUMNS = {"instance": "id", "kind": "category", "box": "bbox"}
 
-    The names of the columns are those that Hugging Face's guides have for boxes.
-    """
-    entries = {
-        "id": "instance",
-        "category": "kind",
-        "bbox": "box",
-        "whole": "whole",
-        "visible": "visible",
-    }
+
+def _object_columns(record: Record) -> dict[str, list[Plain]]:
+    """Returns the objects of a sample in columns."""
+    entries = ["instance", "kind", "box", "whole", "visible"]
     # Only views from a robot have distances.
     if record.get("camera"):
-        entries["distance"] = "distance"
+        entries.append("distance")
     return {
-        column: [thing[entry] for thing in record["objects"]] for column, entry in entries.items()
+        _OBJECT_COLUMNS.get(entry, entry): [thing[entry] for thing in record["objects"]]
+        for entry in entries
     }
 
 
@@ -368,6 +382,7 @@ LAYOUTS = {
         'print(sample["image"].size, sample["labels"].getextrema())',
         "SPLIT/metadata.jsonl",
         _imagefolder_rows,
+        renamed=_OBJECT_COLUMNS,
     ),
     "coco": Layout(
         "LAYER/SHORT/NUMBER.png",

@@ -173,7 +173,9 @@ class RobotViews:
                 image, transform = _blur_widely(rng, image, settings.transforms, transform)
             image = compress(rng, image, settings.transforms.compression)
         layers = {"image": image, "labels": labels}
-        about = _about(plan)
+        about = _about(plan) | {"lane_offset": settings.tiles.lane_offset}
+        if settings.tiles.lane_offset_spread is not None:
+            about["lane_offset_spread"] = settings.tiles.lane_offset_spread
         if settings.objects is not None:
             layers["instances"] = drawn.instances.astype(np.uint16)
             things = road_map.objects or ()

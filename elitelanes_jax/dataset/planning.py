@@ -85,13 +85,23 @@ def _identify(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> d
     identity = {
         "settings": plain,
         "given_maps": None if spec.maps_from is None else spec.maps_from.digest,
-        "tile_set": tiles.to_plain(),
+        "tile_set": _describe_tiles(spec, tiles),
         "versions": versions,
     }
     if objects is not None:
         identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
     # Tuples become lists here, as in a record that is read from its file.
     return json.loads(json.dumps(identity))
+
+
+def _describe_tiles(spec: DatasetSpec, tiles: TileSet) -> dict[str, Plain]:
+    """Returns what pictures depend on in a tile set, and the lanes that poses are on."""
+    about = tiles.to_plain()
+    if spec.camera is not None:
+        about["lane_offset"] = tiles.lane_offset
+        if tiles.lane_offset_spread is not None:
+            about["lane_offset_spread"] = tiles.lane_offset_spread
+    return about
 
 
 def _check_fixed_cells(spec: DatasetSpec) -> None:

@@ -66,7 +66,7 @@ def test_an_evolved_dataset_has_these_files(evolved):
     about = json.loads((evolved / "dataset.json").read_text())
     assert about["pictures"] == {"train": 12, "validation": 4, "test": 4}
     names = set(files(evolved))
-    assert {"README.md", "contact-sheet.png", "dataset.json"} <= names
+    assert {"README.md", "contact-sheet.png", "croissant.json", "dataset.json"} <= names
     forms, sizes, pixels = set(), [], {split: np.zeros(4, int) for split in SPLITS}
     for split in SPLITS:
         rows = rows_of(evolved, split)
@@ -85,7 +85,7 @@ def test_an_evolved_dataset_has_these_files(evolved):
             names -= {f"{split}/{row[f'{name}_file_name']}" for name in ("image", "labels")}
         names.remove(f"{split}/metadata.jsonl")
         assert pixels[split].tolist() == about["class_pixels"][split]
-    assert names == {"README.md", "contact-sheet.png", "dataset.json"}
+    assert names == {"README.md", "contact-sheet.png", "croissant.json", "dataset.json"}
     assert read_picture(evolved / "contact-sheet.png").shape[1] > 800
     card = (evolved / "README.md").read_text()
     assert card.startswith("---\n") and "license: apache-2.0" in card and "| 12 | 4 | 4 |" in card
@@ -368,7 +368,7 @@ def test_maps_are_kept_for_other_objects_if_some_do_not_fit(tmp_path, monkeypatc
 def test_pictures_with_other_objects_are_not_resumed(tmp_path, monkeypatch):
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
+        patch.setattr("elitelanes_jax.dataset._finishing.write_card", interrupt)
         with pytest.raises(KeyboardInterrupt):
             make_dataset(furnished("duckies=1"), out)
         patch.setattr("elitelanes_jax.dataset._plan.evolve_search", interrupt)
@@ -384,7 +384,7 @@ def test_pictures_with_other_objects_are_not_resumed(tmp_path, monkeypatch):
 def test_pictures_of_unknown_objects_are_drawn_anew(tmp_path, monkeypatch):
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
+        patch.setattr("elitelanes_jax.dataset._finishing.write_card", interrupt)
         with pytest.raises(KeyboardInterrupt):
             make_dataset(furnished(None), out)
     (objects,) = tmp_path.glob("*/*/pictures.json")

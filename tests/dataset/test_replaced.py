@@ -43,7 +43,7 @@ def test_the_one_before_stays_until_the_new_one_is_complete(folder, tmp_path, mo
     before, spec = files(folder), small(**OTHERS)
     make_dataset(spec, tmp_path / "expected")
     with monkeypatch.context() as patch:
-        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
+        patch.setattr("elitelanes_jax.dataset._finishing.write_card", interrupt)
         with pytest.raises(KeyboardInterrupt):
             make_dataset(spec, folder, force=True)
     assert files(folder) == before

@@ -239,7 +239,7 @@ def test_blocks_know_how_many_there_are(samples, blocks, tmp_path):
 
 def test_a_resumed_run_has_the_same_parts(tmp_path):
     samples = Samples(1, np.array([0, 0, 1, 1]), range(4), tmp_path, tmp_path)
-    drawing = Drawing(DatasetSpec(maps=4, size=2, split=(1, 0, 0)), dict.fromkeys(range(4)), None, None, None)
+    drawing = Drawing(None, 1, None, "imagefolder", None, dict.fromkeys(range(4)))
 
     def parts():
         return [[portion.indices for portion in task.portions] for task in _tasks(Pool(None, 2), drawing, samples)]
