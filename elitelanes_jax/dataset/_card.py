@@ -20,6 +20,8 @@ from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS
 _SHEET_PX, _GROUND = 240, 236
 # The longer side of a picture with boxes is about this many pixels. The colour of the boxes, RGB.
 _BOXES_PX, _BOX_COLOUR = 960, (255, 0, 200)
+# The height of a line of text, and the width of its widest letter, in pixels.
+_LINE, _LETTER = 16, 8
 
 TITLE = "Road maps of a miniature city, with labels"
 
@@ -254,18 +256,32 @@ def sample_sheet(
 def draw_boxes(file: Path, objects: Sequence[dict[str, Plain]]) -> UInt8[np.ndarray, "_ _ 3"]:
     """Draws the boxes and the kinds of the objects in a picture of the dataset.
 
+    The largest boxes get their kinds first. A kind that would overprint another one is left out.
     Returns uint8 ``[., ., 3]``, RGB.
     """
     picture = _read(file)
     # Small pictures are enlarged by a whole number, so that boxes stay on the edges of pixels.
     larger = max(1, round(_BOXES_PX / max(picture.shape[:2])))
     drawn = np.ascontiguousarray(picture.repeat(larger, axis=0).repeat(larger, axis=1))
+    boxes = []
     for thing in objects:
         x, y, wide, high = [larger * part for part in thing["box"]]
         # A box has its last pixel inside, so that it is as wide as the object.
         cv2.rectangle(drawn, (x, y), (x + wide - 1, y + high - 1), _BOX_COLOUR, 1)
-        # The kind is above the box, or inside it at the picture's upper edge.
-        write_text(drawn, thing["kind"], (x, max(y - 4, 12)), 0.5, _BOX_COLOUR)
+        boxes.append((wide * high, x, y, high, thing["kind"]))
+    taken = np.zeros(drawn.shape[:2], bool)
+    for _, x, y, high, kind in sorted(boxes, reverse=True):
+        wide = _LETTER * len(kind)
+        left = max(0, min(x, drawn.shape[1] - wide))
+        # A kind is above its box, below it, or inside it.
+        for top in (y - _LINE, y + high, y):
+            place = taken[top : top + _LINE, left : left + wide] if top >= 0 else taken[:0]
+            if len(place) == _LINE and not place.any():
+                place[:] = True
+                # Letters are read on a dark plate.
+                drawn[top : top + _LINE, left : left + wide] //= 4
+                write_text(drawn, kind, (left, top + _LINE - 4), 0.5, _BOX_COLOUR)
+                break
     return drawn
 
 

@@ -54,19 +54,21 @@ def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
 
     Also writes YOLO's text if there are objects.
     """
-    name = SHORT_NAMES[split]
+    name, annotations = SHORT_NAMES[split], folder / "annotations"
     # COCO's categories count from 1, as the labels without the background do.
     classes = [{"id": label, "name": title} for label, title in enumerate(LABELS) if label]
-    _write_coco(folder / "annotations" / f"{name}.json", read, _class_annotations, classes)
+    table = read, _class_annotations, classes
+    _write_coco(annotations / f"{name}.json", *table)
     if "outlines" in next(iter(read()), {}):
         # All records have outlines, or none has.
         kinds = [{"id": index, "name": kind} for index, kind in enumerate(OBJECT_KINDS, 1)]
-        _write_coco(
-            folder / "annotations" / f"objects_{name}.json", read, _object_annotations, kinds
-        )
+        table = read, _object_annotations, kinds
+        _write_coco(annotations / f"objects_{name}.json", *table)
         for record in read():
             _write_yolo(folder / "labels" / name / f"{record['number']:06d}.txt", record)
         _write_data(folder)
+    # Programs that import folders, such as datumaro, look for this name of COCO's.
+    _write_coco(annotations / f"instances_{name}.json", *table)
     for record in read():
         yield {key: value for key, value in record.items() if key not in ("classes", "outlines")}
 

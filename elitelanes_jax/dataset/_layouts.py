@@ -38,7 +38,7 @@ _DESCRIBING = (
     rf"README\.md|contact-sheet\.png|boxes\.png|{re.escape(RECORD)}|{re.escape(PART)}|{SUMS}"
     rf"|{re.escape(CROISSANT)}"
     r"|(train|validation|test)/metadata\.jsonl"
-    r"|metadata/(train|val|test)\.jsonl|annotations/(objects_)?(train|val|test)\.json"
+    r"|metadata/(train|val|test)\.jsonl|annotations/((objects|instances)_)?(train|val|test)\.json"
     r"|labels/(train|val|test)/\d{6,}\.txt|data\.yaml|maps\.jsonl"
 )
 

@@ -9,7 +9,7 @@ import pytest
 from standing_oracle import TILE, TOWN, draw_back_to_front, some_objects
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, SearchSpec, make_dataset
-from elitelanes_jax.dataset import draw_sample
+from elitelanes_jax.dataset import _card, draw_sample
 from elitelanes_jax.dataset.planning import plan_dataset
 from elitelanes_jax.drive.camera_options import LaneCamera
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
@@ -247,3 +247,16 @@ def test_a_set_without_a_kind_is_refused_before_anything_is_drawn(maps, tmp_path
     assert "object_set" not in make_dataset(views, tmp_path / "bare")
     assert not list((tmp_path / "bare").rglob("*instances*"))
     assert "object" not in (tmp_path / "bare" / "README.md").read_text()
+
+
+def test_kinds_do_not_overprint_each_other(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(_card, "write_text", lambda picture, text, place, *_: written.append((text, *place)))
+    cv2.imwrite(str(tmp_path / "picture.png"), np.zeros((480, 640, 3), np.uint8))
+    boxes = [[8 * i, 60 + 3 * (i % 4), 30 + i, 20] for i in range(40)]
+    objects = [{"kind": f"sign_{i}", "box": box} for i, box in enumerate([*boxes, [0, 0, 640, 480]])]
+    _card.draw_boxes(tmp_path / "picture.png", objects)
+    assert written[0][0] == "sign_40" and 5 < len(written) < 41
+    for index, (_, x, y) in enumerate(written):
+        for text, left, other_y in written[:index]:
+            assert abs(y - other_y) >= 16 or x >= left + 8 * len(text) or left >= x + 8 * len(text) - 8
