@@ -6,9 +6,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.checks import one_of, path
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
 from elitelanes_jax.cli.program import say
+from elitelanes_jax.maps.spec import SPLITS
 
 
 def add_score(commands: Commands) -> None:
@@ -16,20 +18,37 @@ def add_score(commands: Commands) -> None:
         commands,
         "score",
         _score,
-        help="score raw archives of the benchmark",
+        help="score raw archives of the benchmark, or a network on a dataset",
         description="Measures the grids of raw archives again and prints their scores, "
-        "with 95 % intervals over runs.",
+        "with 95 % intervals over runs. With --predictions, compares the predictions of a network "
+        "with a dataset.",
     )
     command.add_argument(
         "archives",
         type=checked_by(path),
         nargs="+",
-        metavar="ARCHIVE",
-        help="an .npz of runs on a task",
+        metavar="ARCHIVE|DATASET",
+        help="an .npz of runs on a task, or the folder of a dataset",
+    )
+    command.add_argument(
+        "--predictions",
+        type=checked_by(path),
+        metavar="DIR|FILE",
+        help="label maps such as 000012.png, or a file of COCO's results",
+    )
+    command.add_argument(
+        "--split",
+        type=checked_by(one_of(*SPLITS)),
+        metavar="NAME",
+        help="the split of the dataset: train, validation or test; default test",
     )
 
 
 def _score(options: argparse.Namespace) -> int:
+    if options.predictions is not None:
+        return _score_dataset(options)
+    if options.split is not None:
+        raise InputError("--split: expected --predictions too, got none")
     from elitelanes_jax.benchmark.submissions import Submission, score_and_grade
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
@@ -44,6 +63,18 @@ def _score(options: argparse.Namespace) -> int:
             f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(of_runs)}",
             asked=True,
         )
+    return 0
+
+
+def _score_dataset(options: argparse.Namespace) -> int:
+    from elitelanes_jax.dataset.scoring import score_predictions
+
+    if len(options.archives) > 1:
+        raise InputError(f"--predictions: expected one dataset, got {len(options.archives)}")
+    split = options.split or "test"
+    scores = score_predictions(options.archives[0], options.predictions, split=split)
+    lines = (f"{name:16}{score:.3f}" for name, score in scores.items())
+    say("\n".join(lines), asked=True)
     return 0
 
 

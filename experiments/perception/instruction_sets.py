@@ -2,8 +2,8 @@
 
     python -m experiments.perception.instruction_sets [--pictures N]
 
-Each is drawn twice, by other processes: `views` with XLA_FLAGS=--xla_cpu_max_isa=AVX2 and SSE4_2, and the dataset with
-and without AVX in NumPy (NPY_DISABLE_CPU_FEATURES) and OpenCV (OPENCV_CPU_DISABLE). Needs an x86-64 processor with
+Each is drawn twice, by other processes, with XLA_FLAGS=--xla_cpu_max_isa=AVX2 and SSE4_2. The second dataset is also
+drawn without AVX in NumPy (NPY_DISABLE_CPU_FEATURES) and OpenCV (OPENCV_CPU_DISABLE). Needs an x86-64 processor with
 AVX2.
 """
 
@@ -50,16 +50,23 @@ def _compare(pictures: int) -> None:
                 "--draw",
                 file,
             ]
-            _start(command, {"XLA_FLAGS": f"--xla_cpu_max_isa={file.stem}"})
+            _start(command, _xla_with(file.stem))
         _report_views(dict(np.load(first)), dict(np.load(second)))
         usual, plain = Path(folder, "usual"), Path(folder, "plain")
         for out, features in (
-            (usual, {}),
-            (plain, {"NPY_DISABLE_CPU_FEATURES": _numpy_features(), "OPENCV_CPU_DISABLE": _OPENCV}),
+            (usual, _xla_with("AVX2")),
+            (
+                plain,
+                {"NPY_DISABLE_CPU_FEATURES": _numpy_features(), "OPENCV_CPU_DISABLE": _OPENCV} | _xla_with("SSE4_2"),
+            ),
         ):
             options = ["--camera", "--transform", "varied", "--views", f"{pictures}", "--split", "1", "0", "0"]
             _start(["-m", "elitelanes_jax", "dataset", "--maps-from", _MAP, *options, "--out", out], features)
         _report_dataset(usual, plain)
+
+
+def _xla_with(instructions: str) -> dict[str, str]:
+    return {"XLA_FLAGS": f"--xla_cpu_max_isa={instructions}"}
 
 
 def _numpy_features() -> str:
@@ -97,9 +104,10 @@ def _report_views(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -
 
 
 def _report_dataset(usual: Path, plain: Path) -> None:
-    files = sorted(file.relative_to(usual) for file in usual.glob("train/*/*.png"))
-    differ = [file for file in files if (usual / file).read_bytes() != (plain / file).read_bytes()]
-    print(f"dataset: {len(differ)} of {len(files)} files of pictures and labels differ")
+    for layer in ("image", "labels"):
+        files = sorted(file.relative_to(usual) for file in usual.glob(f"train/{layer}/*.png"))
+        differ = [file for file in files if (usual / file).read_bytes() != (plain / file).read_bytes()]
+        print(f"dataset: {len(differ)} of {len(files)} files of {layer} differ")
     records = [(out / "train" / "metadata.jsonl").read_text().splitlines() for out in (usual, plain)]
     changed = sum(json.loads(one) != json.loads(other) for one, other in zip(*records, strict=True))
     print(f"dataset: {changed} of {len(records[0])} records differ")

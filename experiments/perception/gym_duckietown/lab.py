@@ -231,7 +231,7 @@ def _make_views(row: Row, tiles: Path | None, folder: Path) -> Path:
     if not folder.is_dir():
         camera = ["rows=120", "columns=160"] + ([] if row.lines is None else [f"lines={row.lines}"])
         sets = [] if tiles is None else ["--tiles", str(tiles)]
-        towns = ["--style", "town", "--evaluations", "2000"]
+        towns = ["--style", "town", "--where", "crossings=0..", "--evaluations", "2000"]
         counts = ["--maps", str(row.maps), "--views", str(row.views), "--size", "7", "--split", "1", "0", "0"]
         looks = ["--tile-px", str(row.tile_px), "--camera", *camera, "--transform", "varied", "blur=0.5"]
         _elitelanes("dataset", "--out", str(folder), *sets, *towns, *counts, *looks)
@@ -241,7 +241,21 @@ def _make_views(row: Row, tiles: Path | None, folder: Path) -> Path:
 def _make_towns(folder: Path) -> list[Path]:
     """Makes the towns of the stream if they are not there; returns their files."""
     if not folder.is_dir():
-        towns = ["--style", "town", "--evaluations", "5000", "--size", "7", "7", "--maps", str(_MAPS), "--seeds", "16"]
+        towns = [
+            "--style",
+            "town",
+            "--where",
+            "crossings=0..",
+            "--evaluations",
+            "5000",
+            "--size",
+            "7",
+            "7",
+            "--maps",
+            str(_MAPS),
+            "--seeds",
+            "16",
+        ]
         _elitelanes("generate", *towns, "--tile-px", "16", "--out", str(folder))
     return sorted(folder.glob("maps/*/map.json"))
 

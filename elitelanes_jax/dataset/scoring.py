@@ -1,0 +1,138 @@
+"""Scores of a network's predictions on a dataset."""
+
+import json
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.checks import check_named, one_of, path
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.dataset._layouts import LAYOUTS, RECORD, Layout
+from elitelanes_jax.maps.spec import SPLITS
+from elitelanes_jax.tiles.rendering import LABELS
+
+
+@name_wrong_arguments
+def score_predictions(
+    dataset: str | Path, predictions: str | Path, *, split: str = "test"
+) -> dict[str, float]:
+    """Scores predictions of labels or of objects on a split of a dataset.
+
+    Args:
+      dataset: the folder of the dataset, in the layout imagefolder or coco.
+      predictions: a folder with a label map for each picture, named by the sample, such as
+        ``000012.png``; or a file of results in COCO's format, for the objects of the layout coco.
+      split: train, validation or test.
+
+    Returns:
+      The intersection over union (IoU) of each class, by its name, and their `mean`, over all
+      pixels of the split. A class that neither labels nor predictions have is NaN, and is left out
+      of the mean. For objects, COCO's average precisions of boxes: `AP`, `AP50` and `AP75`.
+
+    Raises:
+      InputError: for a folder that is no such dataset, a missing or wrong prediction, or a package
+        that is not installed.
+    """
+    folder = Path(check_named("dataset", path, dataset))
+    predicted = Path(check_named("predictions", path, predictions))
+    index = SPLITS.index(check_named("split", one_of(*SPLITS), split))
+    layout, about = _read_dataset(folder)
+    if not about["pictures"][split]:
+        raise InputError(f"split: expected one that has pictures in {folder}, got {split}")
+    if predicted.is_dir():
+        return _score_labels(folder, predicted, layout, index)
+    return _score_boxes(folder, predicted, layout, index)
+
+
+def _read_dataset(folder: Path) -> tuple[Layout, dict[str, Plain]]:
+    try:
+        about = read_json(folder / RECORD)
+        layout, _ = LAYOUTS[about["settings"]["format"]], about["pictures"]["test"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(
+            f"dataset: expected a folder of elitelanes dataset, got {folder}"
+        ) from None
+    if layout.metadata is None:
+        name = about["settings"]["format"]
+        raise InputError(f"dataset: expected the layout imagefolder or coco, got {name}")
+    return layout, about
+
+
+def _score_labels(folder: Path, predictions: Path, layout: Layout, split: int) -> dict[str, float]:
+    """Returns the IoU of each class, and their mean."""
+    # Rows have the labels of the dataset, and columns those of the predictions.
+    counts = np.zeros((len(LABELS), len(LABELS)), np.int64)
+    for number in _numbers(folder, layout, split):
+        expected = _read_labels(folder / layout.file(split, number, "labels"))
+        predicted = _read_labels(predictions / f"{number:06d}.png")
+        if predicted.shape != expected.shape or predicted.max() >= len(LABELS):
+            got = f"{list(predicted.shape)} with labels to {predicted.max()}"
+            raise InputError(
+                f"predictions: expected {list(expected.shape)} with labels 0 to {len(LABELS) - 1}, "
+                f"got {got}, {number:06d}.png"
+            )
+        pairs = expected.astype(np.int64) * len(LABELS) + predicted
+        counts += np.bincount(pairs.ravel(), minlength=counts.size).reshape(counts.shape)
+    both, either = counts.diagonal(), counts.sum(axis=0) + counts.sum(axis=1) - counts.diagonal()
+    # A class without pixels has no score.
+    shares = np.where(either > 0, both / np.maximum(either, 1), np.nan)
+    return dict(zip(LABELS, shares.tolist(), strict=True)) | {"mean": float(np.nanmean(shares))}
+
+
+def _numbers(folder: Path, layout: Layout, split: int) -> Iterator[int]:
+    with (folder / layout.list_file(split)).open(encoding="utf-8") as lines:
+        for line in lines:
+            yield json.loads(line)["number"]
+
+
+def _read_labels(file: Path) -> NDArray[np.uint8]:
+    labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
+    if labels is None or labels.ndim != 2:
+        raise InputError(f"predictions: expected a grey PNG file of labels, got none, {file.name}")
+    return np.asarray(labels, np.uint8)
+
+
+def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) -> dict[str, float]:
+    """Returns COCO's average precisions of boxes."""
+    file = folder / "annotations" / f"objects_{layout.split_name(split)}.json"
+    if not file.is_file():
+        raise InputError(
+            f"predictions: expected a folder of labels, or a dataset of the layout coco with "
+            f"objects, got {folder}"
+        )
+    import_optional("pycocotools", "predictions: the score of objects needs pycocotools")
+    from pycocotools.coco import COCO
+    from pycocotools.cocoeval import COCOeval
+
+    try:
+        # The package prints what it does.
+        with redirect_stdout(StringIO()):
+            expected = COCO(str(file))
+            judge = COCOeval(expected, expected.loadRes(_read_results(predictions)), "bbox")
+            judge.evaluate()
+            judge.accumulate()
+            judge.summarize()
+    except (AssertionError, KeyError, IndexError, TypeError):
+        raise InputError(
+            f"predictions: expected results in COCO's format, with image_id, category_id, bbox and "
+            f"score, of pictures of the split, got {predictions}"
+        ) from None
+    return dict(zip(("AP", "AP50", "AP75"), map(float, judge.stats[:3]), strict=True))
+
+
+def _read_results(file: Path) -> UserValue:
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise InputError(
+            f"predictions: expected a folder, or a file of COCO's results, got {file}"
+        ) from None

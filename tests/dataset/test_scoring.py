@@ -1,0 +1,99 @@
+"""Scores of predictions: against counts by hand and pycocotools' own, and what is refused."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from given_maps import small
+
+from elitelanes_jax import InputError
+from elitelanes_jax.dataset import score_predictions
+from elitelanes_jax.dataset.make import make_dataset
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    out = tmp_path_factory.mktemp("scoring") / "out"
+    make_dataset(small(tile_px=16, views=2), out)
+    return out
+
+
+def predict(dataset, folder, change):
+    folder.mkdir()
+    pairs = []
+    for file in sorted((dataset / "test" / "labels").glob("*.png")):
+        labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        found = change(labels.copy())
+        cv2.imwrite(str(folder / file.name), found)
+        pairs.append((labels.ravel(), found.ravel()))
+    return (np.concatenate(part) for part in zip(*pairs, strict=True))
+
+
+def test_the_overlap_of_each_class_is_that_of_counted_pixels(dataset, tmp_path):
+    rng = np.random.default_rng(0)
+
+    def change(labels):
+        flips = rng.random(labels.shape) < 0.3
+        labels[flips] = rng.integers(0, 3, int(flips.sum()))
+        return labels
+
+    expected, found = predict(dataset, tmp_path / "found", change)
+    scores = score_predictions(dataset, tmp_path / "found")
+    by_hand = []
+    for label, name in enumerate(("background", "road", "stop line", "lane separator")):
+        is_one, is_other = expected == label, found == label
+        by_hand.append((is_one & is_other).sum() / max((is_one | is_other).sum(), 1))
+        assert scores[name] == pytest.approx(by_hand[-1], nan_ok=True) or np.isnan(scores[name])
+    assert 0 < scores["mean"] < 0.9 and score_predictions(dataset, dataset / "test" / "labels")["mean"] == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda labels: labels[1:], r"predictions: expected \[.*\] with labels 0 to 3, got \[.*, 0000..\.png"),
+        (lambda labels: labels + 4, "predictions: expected .* with labels 0 to 3, got .* with labels to "),
+        (lambda labels: np.dstack([labels] * 3), "predictions: expected a grey PNG file of labels, got none"),
+    ],
+)
+def test_wrong_labels_are_named(change, message, dataset, tmp_path):
+    predict(dataset, tmp_path / "found", change)
+    with pytest.raises(InputError, match=f"^{message}"):
+        score_predictions(dataset, tmp_path / "found")
+
+
+def test_wrong_folders_are_named(dataset, tmp_path):
+    with pytest.raises(InputError, match=r"^dataset: expected a folder of elitelanes dataset, got "):
+        score_predictions(tmp_path, tmp_path)
+    with pytest.raises(InputError, match=r"^predictions: expected a grey PNG file of labels, got none, 0000..\.png$"):
+        score_predictions(dataset, tmp_path)
+    with pytest.raises(InputError, match="^predictions: expected a folder of labels, or a dataset of the layout coco"):
+        score_predictions(dataset, dataset / "dataset.json")
+    with pytest.raises(InputError, match="^split: expected one of train, validation, test"):
+        score_predictions(dataset, tmp_path, split="val")
+    make_dataset(small(tile_px=16, split=(1, 0, 0)), tmp_path / "train")
+    with pytest.raises(InputError, match="^split: expected one that has pictures in .*, got test$"):
+        score_predictions(tmp_path / "train", tmp_path)
+    make_dataset(small(tile_px=16, format="webdataset"), tmp_path / "tar")
+    with pytest.raises(InputError, match="^dataset: expected the layout imagefolder or coco, got webdataset$"):
+        score_predictions(tmp_path / "tar", tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
+def test_boxes_are_scored_as_coco_does(tmp_path, capsys):
+    pytest.importorskip("pycocotools")
+    make_dataset(small(tile_px=64, format="coco", furnish="lane_duckies=4"), tmp_path / "out")
+    table = json.loads((tmp_path / "out" / "annotations" / "objects_test.json").read_text())
+    results = [
+        {"image_id": one["image_id"], "category_id": one["category_id"], "bbox": one["bbox"], "score": 0.9}
+        for one in table["annotations"]
+    ]
+    file = tmp_path / "results.json"
+    file.write_text(json.dumps(results))
+    assert score_predictions(tmp_path / "out", file) == {"AP": 1, "AP50": 1, "AP75": 1}
+    file.write_text(json.dumps(results[: len(results) // 2]))
+    assert 0 < score_predictions(tmp_path / "out", file)["AP50"] < 1
+    assert not capsys.readouterr().out
+    file.write_text(json.dumps([{"image_id": 10**6, "category_id": 1, "bbox": [0, 0, 1, 1], "score": 1}]))
+    with pytest.raises(InputError, match="^predictions: expected results in COCO's format"):
+        score_predictions(tmp_path / "out", file)
