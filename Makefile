@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard readers metadrive pufferdrive rl sb3 shards ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard readers metadrive pufferdrive rl sb3 shards ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism gridlock driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -327,6 +327,10 @@ detection: $(READY)
 realism: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[realism]'
 	$(BIN)/python -m experiments.realism.study
+
+# Cars in SUMO on 200 towns; it goes on where it ended.
+gridlock: .venv-sumo/.ready
+	.venv-sumo/bin/python -m experiments.gridlock.study
 
 navigation: $(READY)
 	$(BIN)/python -m experiments.navigation.study

@@ -5,6 +5,7 @@ from .batches import vmap_in_blocks as vmap_in_blocks
 from .bits import bernoulli as bernoulli
 from .bits import randint as randint
 from .bits import random_grids as random_grids
+from .gridlock import gridlock_number as gridlock_number
 from .metrics import measure as measure
 from .plain_metrics import plain_measure as plain_measure
 from .records import Metrics as Metrics

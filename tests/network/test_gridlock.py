@@ -1,0 +1,63 @@
+"""The gridlock number against NetworkX's girth."""
+
+import jax
+import numpy as np
+import pytest
+from conftest import ALL_SHAPES, grids
+from gridlock_oracle import gridlock_number as slow_number
+from hypothesis import given
+
+from elitelanes_jax import InputError
+from elitelanes_jax.network import gridlock_number
+
+
+def ring(height, width):
+    """One loop along the border."""
+    grid = np.zeros((height, width), np.int8)
+    grid[[0, -1], 1:-1], grid[1:-1, [0, -1]] = 5, 10
+    grid[[0, 0, -1, -1], [0, -1, 0, -1]] = 6, 3, 12, 9
+    return grid
+
+
+def serpentine(height, width):
+    """One road through all tiles."""
+    grid = np.full((height, width), 5, np.int8)
+    grid[0::2, -1], grid[1::2, -1], grid[1::2, 0], grid[2::2, 0] = 3, 9, 6, 12
+    return grid
+
+
+@given(grids([(2, 2), (2, 5), (6, 6), (5, 1)]))
+def test_numbers_of_any_grid_are_the_oracles(grid):
+    assert int(gridlock_number(grid)) == slow_number(grid)
+    assert int(gridlock_number(grid, slots=3)) == slow_number(grid, slots=3)
+
+
+@pytest.mark.slow
+@given(grids(ALL_SHAPES))
+def test_numbers_of_grids_of_more_shapes_are_the_oracles(grid):
+    assert int(gridlock_number(grid)) == slow_number(grid)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 7), (9, 9), (12, 5), (33, 40)])
+def test_a_ring_is_its_own_shortest_loop(shape):
+    assert int(gridlock_number(ring(*shape))) == 2 * sum(shape) - 5
+
+
+def test_a_road_without_a_loop_has_the_number_0():
+    assert int(gridlock_number(serpentine(7, 6))) == 0
+    assert int(gridlock_number(np.zeros((3, 3), np.int8))) == 0
+    assert int(gridlock_number([[15]])) == 0
+
+
+def test_a_batch_has_the_numbers_of_its_grids():
+    towns = np.array(jax.random.randint(jax.random.key(0), (40, 9, 8), 0, 16), np.int8)
+    np.testing.assert_array_equal(jax.vmap(gridlock_number)(towns), [slow_number(town) for town in towns])
+
+
+def test_bad_maps_and_slots_are_refused():
+    with pytest.raises(
+        InputError, match=r"^codes: expected sides of at most 128 for the gridlock number, got \(2, 129\)"
+    ):
+        gridlock_number(np.zeros((2, 129), np.int8))
+    with pytest.raises(InputError, match="^slots: expected a whole number, 1 to 1000, got 0"):
+        gridlock_number(ring(2, 2), slots=0)
