@@ -115,7 +115,7 @@ def arguments():
         "photograph": photo, "plan": grid, "proposal": proposal, "tile": tile, "turns": 1,
         "pictures": (), "pixels": grid.astype(np.uint8), "points": [[1, 2]], "pose": drive.Pose(0.5, 0.5, 0.0),
         "position": (1, 9), "prefix": "city", "probability": 0.5, "problem": made, "pufferlib": pufferlib,
-        "record": run, "result": None, "results": {},
+        "record": run, "result": None, "results": {}, "robots": 20,
         "rides": None, "road_map": road_map, "rotations": tile_set.rotations, "rows": [{"file": "a"}], "scale": 0.5,
         "scenes": None,
         "search": print, "seed": 0, "shape": (4, 4), "sheet": np.zeros((20, 20, 3), np.uint8),

@@ -6,11 +6,14 @@ from .bits import bernoulli as bernoulli
 from .bits import randint as randint
 from .bits import random_grids as random_grids
 from .gridlock import gridlock_number as gridlock_number
+from .loops import gridlock_loop as gridlock_loop
 from .metrics import measure as measure
 from .plain_metrics import plain_measure as plain_measure
 from .records import Metrics as Metrics
 from .records import Weights as Weights
 from .repairing import repair as repair
+from .street_traffic import gridlock_gamma as gridlock_gamma
+from .street_traffic import gridlock_potential as gridlock_potential
 from .symmetry import canonical_form as canonical_form
 from .symmetry import mirror as mirror
 from .symmetry import rotate as rotate

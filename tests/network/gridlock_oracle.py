@@ -1,6 +1,7 @@
 """Gridlock, slow and obvious: loops and streets with NetworkX, chances and determinants with SciPy in float64."""
 
 import math
+from decimal import Decimal, localcontext
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -16,6 +17,19 @@ def gridlock_number(grid, slots=1):
     """By the girth of the graph of tiles, which is infinite without a loop."""
     girth = nx.girth(road_graph(grid))
     return 0 if math.isinf(girth) else slots * girth - 1
+
+
+def gridlock_loop(grid):
+    """The least of all shortest loops, as lists of tiles: clockwise, from the first tile row by row."""
+    graph = road_graph(np.asarray(grid))
+    girth = nx.girth(graph)
+    loops = []
+    for cycle in [] if math.isinf(girth) else nx.simple_cycles(graph, length_bound=girth):
+        first = cycle.index(min(cycle))
+        loop = cycle[first:] + cycle[:first]
+        goes_east = loop[1][0] == loop[0][0]
+        loops.append(loop if goes_east else loop[:1] + loop[:0:-1])
+    return min(loops, default=[])
 
 
 class Street(NamedTuple):
@@ -107,21 +121,22 @@ def gridlock_potential(grid, robots, tile_size=16.0):
     lengths = np.array([street.millimetres(tile_size) for street in graph])
     load = passing * (lengths + 20_000)
     cars = robots * load / load.sum()
-    full = poisson.sf([street.capacity(tile_size) - 1 for street in graph], cars)
-    shares = flow / np.where(passing > 0, passing, 1)[:, None]
-    return expected_cycles(full[:, None] * shares)
+    most = [street.capacity(tile_size) - 1 for street in graph]
+    return expected_cycles(flow, poisson.sf(most, cars), poisson.cdf(most, cars))
 
 
-def expected_cycles(matrix):
-    """-log det(I - matrix) of a matrix without negative elements, as the sum of powers' traces / exponents.
-
-    The sum keeps the digits of small numbers, which a determinant near 1 loses.
-    """
-    total, power, exponent = 0.0, matrix.copy(), 1
-    while exponent < 100_000:
-        term = np.trace(power) / exponent
-        total += term
-        if exponent > len(matrix) and term <= 1e-15 * total:
-            return total
-        power, exponent = power @ matrix, exponent + 1
-    return -np.linalg.slogdet(np.eye(len(matrix)) - matrix)[1]
+def expected_cycles(flow, full, free):
+    """The formula by Gaussian elimination with 60 digits: a determinant may be 1 - 1e-50."""
+    with localcontext(prec=60):
+        rows = []
+        for index, onward in enumerate(flow.tolist()):
+            # Of both chances, the smaller one has more digits.
+            chance = Decimal(full[index]) if full[index] < 0.5 else 1 - Decimal(free[index])
+            total = sum(map(Decimal, onward)) or Decimal(1)
+            rows.append([(column == index) - chance * Decimal(value) / total for column, value in enumerate(onward)])
+        result = Decimal(0)
+        while rows:
+            (pivot, *first), *others = rows
+            result -= pivot.ln()
+            rows = [[b - a / pivot * c for b, c in zip(rest, first, strict=True)] if a else rest for a, *rest in others]
+        return float(result)

@@ -1,14 +1,16 @@
-"""The gridlock number against NetworkX's girth."""
+"""The gridlock number and the shortest loop against NetworkX."""
 
 import jax
 import numpy as np
 import pytest
 from conftest import ALL_SHAPES, grids
+from gridlock_oracle import gridlock_loop as slow_loop
 from gridlock_oracle import gridlock_number as slow_number
 from hypothesis import given
+from sparse_towns import sparse_towns
 
 from elitelanes_jax import InputError
-from elitelanes_jax.network import gridlock_number
+from elitelanes_jax.network import gridlock_loop, gridlock_number
 
 
 def ring(height, width):
@@ -27,15 +29,17 @@ def serpentine(height, width):
 
 
 @given(grids([(2, 2), (2, 5), (6, 6), (5, 1)]))
-def test_numbers_of_any_grid_are_the_oracles(grid):
+def test_numbers_and_loops_of_any_grid_are_the_oracles(grid):
     assert int(gridlock_number(grid)) == slow_number(grid)
+    assert gridlock_loop(grid) == slow_loop(grid)
     assert int(gridlock_number(grid, slots=3)) == slow_number(grid, slots=3)
 
 
 @pytest.mark.slow
 @given(grids(ALL_SHAPES))
-def test_numbers_of_grids_of_more_shapes_are_the_oracles(grid):
+def test_numbers_and_loops_of_grids_of_more_shapes_are_the_oracles(grid):
     assert int(gridlock_number(grid)) == slow_number(grid)
+    assert gridlock_loop(grid) == slow_loop(grid)
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (3, 7), (9, 9), (12, 5), (33, 40)])
@@ -47,6 +51,19 @@ def test_a_road_without_a_loop_has_the_number_0():
     assert int(gridlock_number(serpentine(7, 6))) == 0
     assert int(gridlock_number(np.zeros((3, 3), np.int8))) == 0
     assert int(gridlock_number([[15]])) == 0
+
+
+def test_of_several_shortest_loops_the_least_list_of_tiles_comes_first():
+    """Four loops of eight tiles around empty cells, and two of these have the same first tile."""
+    streets = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [14, 5, 15, 5, 11], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]])
+    clockwise = [(0, 0), (0, 1), (0, 2), (1, 2), (2, 2), (2, 1), (2, 0), (1, 0)]
+    assert gridlock_loop(streets) == slow_loop(streets) == clockwise
+    assert gridlock_loop(np.pad(streets, 2)) == [(row + 2, column + 2) for row, column in clockwise]
+
+
+def test_loops_of_sparse_towns_are_the_oracles():
+    for town in sparse_towns(60, 9):
+        assert gridlock_loop(town) == slow_loop(town)
 
 
 def test_a_batch_has_the_numbers_of_its_grids():

@@ -7,6 +7,7 @@ import pytest
 from conftest import ALL_SHAPES, grids
 from hypothesis import given
 from oracle import road_graph
+from sparse_towns import sparse_towns
 
 from elitelanes_jax import InputError, mirror, rotate
 from elitelanes_jax.network import measure_town
@@ -111,19 +112,7 @@ def test_features_of_made_towns(towns):
 
 @pytest.fixture(scope="module")
 def towns():
-    """Sparse networks without dead ends: outlines of rectangles, one over another."""
-    rng = np.random.default_rng(0)
-    made = np.zeros((60, 9, 9), np.int8)
-    for grid in made:
-        for _ in range(rng.integers(1, 6)):
-            rows, columns = np.sort(rng.choice(9, 2, replace=False)), np.sort(rng.choice(9, 2, replace=False))
-            for row in rows:
-                grid[row, columns[0] : columns[1]] |= 4
-                grid[row, columns[0] + 1 : columns[1] + 1] |= 1
-            for column in columns:
-                grid[rows[0] : rows[1], column] |= 2
-                grid[rows[0] + 1 : rows[1] + 1, column] |= 8
-    return made
+    return sparse_towns(60, 9)
 
 
 def test_a_known_town():
