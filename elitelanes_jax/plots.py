@@ -18,7 +18,8 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, SIDES, SOUTH
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, SIDE_TOWARDS, SIDES, SOUTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,12 +28,13 @@ if TYPE_CHECKING:
     from elitelanes_jax.search.records import History
     from elitelanes_jax.search.result import Result
 
-_GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = (
+_GROUND, _KERB, _ROAD, _LANE, _END, _LOOP, _VACANT = (
     "#eef0ea",
     "#b9bdb4",
     "#4a4f5a",
     "#f5c842",
     "#d7263d",
+    "#ff8c42",
     "#e9e9e6",
 )
 
@@ -42,7 +44,7 @@ _HARD_SPACE = "\N{NO-BREAK SPACE}"
 _Line = NDArray[np.float64]
 
 # Widths as parts of the road's.
-_KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
+_KERB_WIDTH, _LANE_WIDTH, _LOOP_WIDTH = 1.2, 0.09, 0.4
 
 
 @name_wrong_arguments
@@ -52,6 +54,7 @@ def road_map(
     width: float = 0.5,
     lanes: bool = True,
     marked: UserValue = None,
+    loop: Sequence[tuple[int, int]] = (),
     ax: "Axes | None" = None,
 ) -> "Axes":
     """Draws a map in lines: roads as ribbons, turns round, north at the top, one unit per tile.
@@ -65,11 +68,13 @@ def road_map(
       width: the width of the roads, a part of a tile's side, over 0 and at most 0.8.
       lanes: whether to draw the line between the lanes. Small pictures are clearer without it.
       marked: bool ``[H, W]``, cells to colour, such as the dirty tiles of a move.
+      loop: the tiles of a loop, as (row, column) in the order of the loop, such as those of
+        `network.gridlock_loop`. A line on the roads shows it.
       ax: the Axes to draw on; by default those of a new figure.
 
     Raises:
       InputError: for a bad map, a width out of its range, a mask of another shape or of texts,
-        masked cells, or without matplotlib.
+        masked cells, a loop with a step that is no link of the map, or without matplotlib.
     """
     codes = np.asarray(as_map(source).codes)
     if not 0 < width <= 0.8:
@@ -79,6 +84,7 @@ def road_map(
     is_marked = np.zeros((rows, columns), bool)
     if marked is not None:
         is_marked = _check_mask(marked, (rows, columns))
+    loop_codes = _codes_of_loop(loop, codes)
 
     # The arguments are checked before the figure is made, so that an error leaves no empty figure.
     ax = _axes(ax)
@@ -95,7 +101,26 @@ def road_map(
     if lanes:
         _draw_lane_lines(ax, lines, _LANE_WIDTH * width, (rows, columns))
     _draw_end_bars(ax, ends, width + 0.2)
+    if loop_codes.any():
+        _draw_ribbons(ax, _links(loop_codes)[0], _LOOP_WIDTH * width, _LOOP, "loop")
     return ax
+
+
+def _codes_of_loop(loop: Sequence[tuple[int, int]], codes: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Returns a grid that has the links of a loop alone."""
+    links = linked_codes(codes)
+    loop_codes = np.zeros_like(codes)
+    for tile, following in zip(loop, [*loop[1:], *loop[:1]], strict=True):
+        step = (following[0] - tile[0], following[1] - tile[1])
+        side = SIDE_TOWARDS.get(step)
+        if side is None or tile not in np.ndindex(codes.shape) or not links[tile] & side.bit:
+            expected = "tiles of a loop, each linked to the next one"
+            raise InputError(
+                f"loop: expected {expected}, got {tuple(tile)} before {tuple(following)}"
+            )
+        loop_codes[tile] |= side.bit
+        loop_codes[following] |= side.opposite
+    return loop_codes
 
 
 def _check_mask(marked: UserValue, shape: tuple[int, int]) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from oracle import measure as oracle
 
 from elitelanes_jax import Axis, InputError, evolve, repair
+from elitelanes_jax.network import gridlock_loop
 from elitelanes_jax.plots import archive_map, history, road_map, seed_band
 from elitelanes_jax.problem import qd_score
 from elitelanes_jax.problem.descriptor import niche_index, paper_axes
@@ -98,6 +99,19 @@ def test_lane_lines_have_their_width_on_wide_and_on_high_maps(shape):
     figure.canvas.draw()
     (left, _), (right, _) = ax.transData.transform([(0, 0), (1, 0)])
     assert lines.get_linewidth()[0] * figure.dpi / 72 == pytest.approx(0.09 * 0.5 * (right - left), rel=0.01)
+
+
+def test_a_loop_has_a_ribbon_for_each_of_its_links():
+    eight = np.array([[6, 7, 3], [10, 10, 10], [12, 13, 9]])
+    loop = gridlock_loop(np.delete(eight, 1, axis=0))
+    assert len(artist(road_map(eight[[0, 2]], loop=loop), "loop")) == len(loop) == 4
+    assert "loop" not in {collection.get_label() for collection in road_map(eight).collections}
+    for wrong, got in (
+        (((0, 0), (0, 2)), r"\(0, 0\) before \(0, 2\)"),
+        (((1, 0), (1, 1)), r"\(1, 0\) before \(1, 1\)"),
+    ):
+        with pytest.raises(InputError, match=f"loop: expected tiles of a loop, each linked to the next one, got {got}"):
+            road_map(eight, loop=wrong)
 
 
 def test_thumbnails_have_no_lanes_and_marks_are_the_cells():

@@ -5,6 +5,7 @@ import sys
 import textwrap
 from dataclasses import replace
 
+from elitelanes_jax._util.cells import cell_name
 from elitelanes_jax._util.checks import SEED, check_named, file_named, nonblank, one_of, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, never_replacing
@@ -187,6 +188,10 @@ def _write_plan(road_map: RoadMap, options: argparse.Namespace) -> str:
     plan.save(options.out)
     tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
     tiles = pluralize(len(plan.placed), "tile")
+    say(
+        f"up to {len(plan.loop) - 1} robots can never block each other; beyond that, the loop of "
+        f"{len(plan.loop)} tiles from {cell_name(*plan.loop[0])} clockwise fills first"
+    )
     return f"{tiles} on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}"
 
 

@@ -15,8 +15,9 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.tapes import REFERENCE, TAPE_WIDTHS, tapes_of
-from elitelanes_jax.lanes.links import ends_of_roads
+from elitelanes_jax.lanes.links import Cell, ends_of_roads
 from elitelanes_jax.network.codes import rotate_codes
+from elitelanes_jax.network.loops import gridlock_loop
 
 LONGEST_PLAN = 64
 """The longest side of maps that a plan can show, in tiles."""
@@ -61,6 +62,8 @@ class Plan(NamedTuple):
       tiles: the number of tiles of each kind, and of empty cells.
       tape: metres of each colour of tape, with the gaps that are cut into yellow tape.
       objects: what stands on the map, from north to south.
+      loop: the tiles of the shortest loop, as `network.gridlock_loop` lists them. Fewer robots than
+        these, one on each lane of a tile, can never block each other for ever.
     """
 
     shape: tuple[int, int]
@@ -70,6 +73,7 @@ class Plan(NamedTuple):
     tiles: dict[str, int]
     tape: dict[str, float]
     objects: tuple[MapObject, ...]
+    loop: tuple[Cell, ...]
 
     def save(self, file: str | Path) -> None:
         """Draws the plan with its bill of materials; a PDF also has a check-list.
@@ -129,6 +133,7 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
         tiles=tiles | {"empty": height * width - len(placed)},
         tape={colour: round(total, 3) for colour, total in tape.items()},
         objects=tuple(sorted(objects, key=lambda item: (item.y, item.x, item.kind))),
+        loop=tuple(gridlock_loop(codes)),
     )
 
 

@@ -45,6 +45,7 @@ _ARROW_AHEAD = 0.07
 
 _GROUND, _ROAD, _INK, _FAINT = "#f3f5ee", "#c4c8ce", "#1d2026", "#6d737d"
 _STOP, _SIGN, _OTHER_OBJECT = "#c01722", "#1f5fbf", "#3d7a3a"
+_LOOP = "#7a3fe0"
 _BOX = "\N{BALLOT BOX}"
 _DEGREE = "\N{DEGREE SIGN}"
 # These are the layers of matplotlib for objects, arrows and numbers. They must hide tape and
@@ -138,6 +139,11 @@ def _map_page(plan: "Plan") -> Untyped:
     width, depth = plan.floor
     facts = f"{rows} rows and {columns} columns of {plan.tile_size:g} m, {width:g} x {depth:g} m"
     _write(ax, _MARGIN + 18, _MARGIN + 3, facts, color=_FAINT)
+    safety = (
+        f"up to {len(plan.loop) - 1} robots can never block each other; "
+        "beyond that, the dashed loop fills first"
+    )
+    _write(ax, _MARGIN + 18, _MARGIN + 3 + _LINE, safety, color=_LOOP)
     _draw_map(ax, plan, layout.left, layout.top, layout.tile, layout.edge)
     _write_columns(ax, layout.bill_left, layout.bill_top, bill)
     _draw_legend(ax, plan, layout.bill_left, layout.legend_top)
@@ -218,6 +224,10 @@ def _draw_map(ax: Untyped, plan: "Plan", left: float, top: float, tile: float, e
     for row, column, kind, turns in plan.placed:
         tiles.append((kind, turns, left + column * tile, top + row * tile))
     _draw_tiles(ax, tiles, plan.tile_size, tile)
+    middles = [
+        (left + (column + 0.5) * tile, top + (row + 0.5) * tile) for row, column in plan.loop
+    ]
+    ax.plot(*zip(*middles, middles[0], strict=True), color=_LOOP, lw=1.5, ls=(0, (4, 2)))
     for row in range(rows):
         _write(ax, left - edge - 4, top + (row + 0.5) * tile, str(row + 1), ha="right", va="center")
         ax.plot([left, right], [top + row * tile] * 2, color=_FAINT, lw=0.25, ls=(0, (2, 3)))

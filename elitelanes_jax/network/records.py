@@ -214,6 +214,8 @@ class TownFeatures(NamedTuple):
       adjacent_turns_per_tile: pairs of turns that share a side / tiles, a ratio.
       signable: part of the tiles with three or four links that have room for Duckietown's signs: no
         road on the four cells at their corners; all if there is no such tile.
+      gridlock_number: the most robots that can never block each other for ever, one on each lane of a
+        tile: tiles of the shortest loop - 1; 0 without a loop.
       mean_detour: way by road / way on a full grid of streets, both summed over all pairs of linked
         tiles, a ratio.
     """
@@ -237,6 +239,7 @@ class TownFeatures(NamedTuple):
     repetition: "Int32[Array, '...']"
     adjacent_turns_per_tile: "Int32[Array, '...']"
     signable: "Int32[Array, '...']"
+    gridlock_number: "Int32[Array, '...']"
     mean_detour: "Int32[Array, '...']"
 
 

@@ -18,6 +18,7 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
+from elitelanes_jax.network.gridlock import girth
 from elitelanes_jax.network.records import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import PaddedLayout, vary_together
@@ -89,6 +90,7 @@ def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
             _count(turn[:, :-1] & turn[:, 1:]) + _count(turn[:-1] & turn[1:]), tiles
         ),
         signable=_signable(tile, east, south),
+        gridlock_number=jnp.maximum(girth(east, south) - 1, 0),
         mean_detour=_detour(east, south) if detour else jnp.int32(0),
     )
 

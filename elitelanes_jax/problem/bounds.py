@@ -165,6 +165,11 @@ class FeatureBounds(NamedTuple):
             most = unit * high // max(fewest_tiles, 1)
         elif feature == "signable" and self._leaves_room_for_signs:
             least = unit
+        elif feature == "gridlock_number":
+            # The number is 0 without a loop. A loop has at least 4 tiles.
+            fewest_loops, most_loops = self.intervals["cyclomatic"]
+            least = 3 * min(fewest_loops, 1)
+            most = min(most_loops, 1) * max(self.intervals["tiles"][1] - 1, 0)
         return Fraction(least, unit), Fraction(most, unit)
 
     @property
@@ -219,6 +224,9 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
         elif item.name == "signable":
             inequalities = _crossings_of_signable(item, bounds)
             asks_for_gaps = bool(item.low)
+        elif item.name == "gridlock_number":
+            # The shortest loop has one tile more.
+            inequalities = [_Inequality({"tiles": 1}, ceil(item.low or 0) + 1)]
         try:
             bounds = _narrowed(_with_inequalities(bounds, inequalities))
         except _ContradictionError as error:

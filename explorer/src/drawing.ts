@@ -1,6 +1,7 @@
 /** Maps as vectors for a canvas or an SVG file. The unit is a tile, x points east, y points south. */
 import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/codes";
 import { countFaces, findFaces } from "./network/faces";
+import { gridlockLoop } from "./network/loops";
 import { baseKind, footprint, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
 import { DISTINCT, objectColour } from "./colours";
 
@@ -33,7 +34,14 @@ export interface Scene {
 }
 
 /** The overlays of a map. */
-export const OVERLAYS = ["bridges", "adjacent_crossings", "adjacent_turns", "dead_ends", "faces"] as const;
+export const OVERLAYS = [
+  "bridges",
+  "adjacent_crossings",
+  "adjacent_turns",
+  "dead_ends",
+  "shortest_loop",
+  "faces",
+] as const;
 export type Overlay = (typeof OVERLAYS)[number];
 
 /** The colour of each overlay. Overlays differ in shape, too. */
@@ -42,6 +50,7 @@ export const OVERLAY_COLOURS: Readonly<Record<Overlay, string>> = {
   adjacent_crossings: "#ff8c1a",
   adjacent_turns: "#2ea6ff",
   dead_ends: "#e02f2f",
+  shortest_loop: "#8a4fff",
   faces: "#56b4e9",
 };
 
@@ -164,6 +173,11 @@ export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes
     const d = pairs((one, other) => IS_TURN[one] === 1 && IS_TURN[other] === 1);
     shapes.push({ d, stroke: OVERLAY_COLOURS.adjacent_turns, width: 0.12, dash: [0.16, 0.1] });
     shapes.push({ d: squares(rings(d, 0.2)), stroke: OVERLAY_COLOURS.adjacent_turns, fill: "#fff", width: 0.09 });
+  }
+  if (shown.has("shortest_loop")) {
+    const corners = gridlockLoop(grid).map((cell) => middle(cell).join(" "));
+    const d = corners.length ? `M${corners.join("L")}Z` : "";
+    shapes.push({ d, stroke: "#fff", width: 0.24 }, { d, stroke: OVERLAY_COLOURS.shortest_loop, width: 0.15 });
   }
   if (shown.has("dead_ends")) {
     let d = "";

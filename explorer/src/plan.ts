@@ -2,6 +2,7 @@
 import { objectShapes, pathOf } from "./drawing";
 import { cellName, columnName } from "./network/cells";
 import type { Grid } from "./network/codes";
+import { gridlockLoop } from "./network/loops";
 import { degreesIn, rint, roundTo } from "./network/numbers";
 import { baseKind, byKind, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
 import { planOf, type PlanValues } from "./network/plan";
@@ -16,6 +17,7 @@ const ROWS = 56; // lines of a column of the check-list
 const WAYS: Readonly<Record<number, string>> = { 0: "east", 90: "north", 180: "west", 270: "south" };
 /** The most characters of a line of the bill. */
 const LINE_LENGTH = 36;
+const LOOP = "#7a3fe0";
 const INKS: Readonly<Record<string, string>> = { red: "#d9202c", yellow: "#f5c71a", white: "#fff" };
 
 const at = (value: number): string => `${+value.toFixed(3)}`;
@@ -31,6 +33,7 @@ const words = (x: number, y: number, text: string, more = ""): string =>
 /** Writes the plan of a map: its tiles and objects, its measures, the bill of materials, and sheets of A4 with a check-list. */
 export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: ObjectKinds, values: PlanValues): string {
   const plan = planOf(grid, values);
+  const loop = gridlockLoop(grid);
   const { tile_size: size } = values;
   const { height: rows, width: columns } = grid;
   const things = [...objects].sort(
@@ -58,6 +61,12 @@ export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: Object
       `${rows} rows and ${columns} columns of ${size} m, ${metres(columns)} × ${metres(rows)}`,
       `fill="#5c636d"`,
     ),
+    words(
+      MARGIN + 18,
+      MARGIN + 4 + LINE,
+      `up to ${loop.length - 1} robots can never block each other; beyond that, the dashed loop fills first`,
+      `fill="${LOOP}"`,
+    ),
     ...Array.from({ length: rows }, (_, row) =>
       words(left - edge * tile - 5, top + (row + 0.5) * tile + 1, `${row + 1}`, middle),
     ),
@@ -70,6 +79,7 @@ export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: Object
       ({ row, column, kind, quarterTurns }) =>
         `<use href="#${kind}" transform="translate(${column} ${row}) rotate(${-90 * quarterTurns} 0.5 0.5)"/>`,
     ),
+    `<path d="M${loop.map((cell) => `${(cell % columns) + 0.5} ${Math.floor(cell / columns) + 0.5}`).join("L")}Z" fill="none" stroke="${LOOP}" stroke-width="0.04" stroke-dasharray="0.12 0.06"/>`,
     ...plan.placed.map(({ row, column, kind, quarterTurns }) =>
       [cellName(row, column), tileName(kind, quarterTurns)]
         .map((text, line) => words(column + 0.5, row + 0.48 + 0.12 * line, text, `class="label"`))

@@ -71,6 +71,10 @@ export const WORDS: Readonly<Record<string, Words>> = {
   repetition: { name: "Repetition", meaning: "share of the tiles whose 3 × 3 cells equal another tile's" },
   adjacent_turns_per_tile: { name: "Turns side by side", meaning: "pairs of adjacent turns divided by tiles" },
   signable: { name: "Signable", meaning: "share of the crossings without a road at their four corners" },
+  gridlock_number: {
+    name: "Gridlock number",
+    meaning: "most robots that can never block each other for ever: tiles of the shortest loop - 1",
+  },
   mean_detour: {
     name: "Mean detour",
     meaning: "length of shortest ways divided by their length on a full grid of streets",

@@ -5,6 +5,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from conftest import ALL_SHAPES, grids
+from gridlock_oracle import gridlock_number
 from hypothesis import given
 from oracle import road_graph
 from sparse_towns import sparse_towns
@@ -85,6 +86,7 @@ def oracle(grid):
         repetition=thousandths(sum(around.count(one) > 1 for one in around), tiles),
         adjacent_turns_per_tile=thousandths((turn[1:] & turn[:-1]).sum() + (turn[:, 1:] & turn[:, :-1]).sum(), tiles),
         signable=thousandths(len(free), len(crossings)) if crossings else 1000,
+        gridlock_number=gridlock_number(grid),
         mean_detour=thousandths(sum(way for way, _ in ways), sum(straight for _, straight in ways)),
     )
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from elitelanes_jax import InputError, SearchSpec
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
-from elitelanes_jax.network import measure_town, plain_measure, repair
+from elitelanes_jax.network import gridlock_number, measure_town, plain_measure, repair
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.records import features_without_gaps
 from elitelanes_jax.problem.bounds import check_feasible, check_ranges, find_bounds
@@ -256,3 +256,27 @@ def test_a_range_of_room_for_signs_says_whether_there_are_crossings(where, fille
         return
     with pytest.raises(InputError, match=message):
         check_feasible((6, 6), parse_ranges(where), filled=filled)
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [
+        (["gridlock_number=1..2"], "gridlock_number=1..2': expected a range with some of 3..35"),
+        (["gridlock_number=36.."], "gridlock_number=36..': expected a range with some of 3..35"),
+        (["tiles=..15", "gridlock_number=15.."], "gridlock_number=15..': expected a range with some of 3..14"),
+        (["gridlock_number=15..", "tiles=..15"], "tiles=..15': expected a range with some of 16..36"),
+    ],
+)
+def test_the_shortest_loop_needs_tiles(where, message):
+    with pytest.raises(InputError, match=message):
+        check_feasible((6, 6), parse_ranges(where), filled=False)
+    check_feasible((6, 6), parse_ranges(["gridlock_number=15..", "tiles=..16"]), filled=False)
+
+
+def test_the_gridlock_number_is_within_its_bounds():
+    grids = repaired_grids((3, 3))
+    numbers = np.asarray(jax.vmap(gridlock_number)(np.array([grid for grid, _ in grids])))
+    loops = np.array([metrics["cyclomatic"] for _, metrics in grids])
+    for count in range(5):
+        low, high = find_bounds((3, 3), {"cyclomatic": count}).of("gridlock_number")
+        assert low <= numbers[loops == count].min() and numbers[loops == count].max() <= high

@@ -1,5 +1,5 @@
 /** The links of tiles, and the roads that they make. */
-import { CONNECTIONS, SIDES, type Grid } from "./codes";
+import { CONNECTIONS, EAST, NORTH, SIDES, SOUTH, WEST, type Grid } from "./codes";
 
 /** For each cell, the sides by which its tile is linked, as indices of `SIDES`: clockwise from north. */
 export type Links = readonly (readonly number[])[];
@@ -14,6 +14,23 @@ export function linksOf({ height, width, codes }: Grid): Links {
     };
     return [0, 1, 2, 3].filter((side) => isLinked(SIDES[side]));
   });
+}
+
+/** Returns the linked neighbours of each cell. */
+export function neighboursOf({ height, width, codes }: Grid): number[][] {
+  const found: number[][] = Array.from(codes, () => []);
+  codes.forEach((code, cell) => {
+    const pairs = [
+      [cell % width < width - 1 && code & EAST && codes[cell + 1] & WEST, cell + 1],
+      [cell < (height - 1) * width && code & SOUTH && codes[cell + width] & NORTH, cell + width],
+    ] as const;
+    for (const [linked, other] of pairs) {
+      if (!linked) continue;
+      found[cell].push(other);
+      found[other].push(cell);
+    }
+  });
+  return found;
 }
 
 /** Returns the cells where roads end: they have one connection, or one that no neighbour returns. */

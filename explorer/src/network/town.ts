@@ -1,6 +1,8 @@
 /** The features of a town. Shares and ratios are in thousandths. */
-import { CONNECTIONS, EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
+import { CONNECTIONS, IS_TURN, type Grid } from "./codes";
 import { findFaces } from "./faces";
+import { neighboursOf } from "./links";
+import { gridlockLoop } from "./loops";
 
 /** The names, in the order of Python's `TOWN_FEATURES`. */
 export const TOWN_FEATURES = [
@@ -23,6 +25,7 @@ export const TOWN_FEATURES = [
   "repetition",
   "adjacent_turns_per_tile",
   "signable",
+  "gridlock_number",
   "mean_detour",
 ] as const;
 export type TownFeature = (typeof TOWN_FEATURES)[number];
@@ -109,6 +112,7 @@ export function measureTown(grid: Grid): Partial<Record<TownFeature, number>> {
     repetition: thousandths(repeated(grid), tiles),
     adjacent_turns_per_tile: thousandths(turnPairs, tiles),
     signable: signable(grid),
+    gridlock_number: Math.max(gridlockLoop(grid).length - 1, 0),
     ...(Math.max(height, width) <= LONGEST_DETOUR && { mean_detour: meanDetour(grid) }),
   };
 }
@@ -141,23 +145,6 @@ function sizes(labels: Iterable<number>): number[] {
 /** Returns the area of each inner face: its number of corners. */
 function blockAreas(grid: Grid): number[] {
   return sizes(findFaces(grid).root.map((face) => face || -1));
-}
-
-/** Returns the linked neighbours of each cell. */
-function neighboursOf({ height, width, codes }: Grid): number[][] {
-  const found: number[][] = range(codes.length, () => []);
-  codes.forEach((code, cell) => {
-    const pairs = [
-      [cell % width < width - 1 && code & EAST && codes[cell + 1] & WEST, cell + 1],
-      [cell < (height - 1) * width && code & SOUTH && codes[cell + width] & NORTH, cell + width],
-    ] as const;
-    for (const [linked, other] of pairs) {
-      if (!linked) continue;
-      found[cell].push(other);
-      found[other].push(cell);
-    }
-  });
-  return found;
 }
 
 /** Returns the number of links of each street. A street ends at a crossing or a dead end. */

@@ -19,6 +19,7 @@ const OVERLAY_NAMES: Readonly<Record<Overlay, string>> = {
   adjacent_crossings: "Adjacent crossings",
   adjacent_turns: "Adjacent turns",
   dead_ends: "Dead ends",
+  shortest_loop: "Shortest loop",
   faces: "Faces",
 };
 
@@ -27,6 +28,7 @@ const OVERLAY_NOTES: Readonly<Record<Overlay, string>> = {
   adjacent_crossings: "Crossings that a road links, without a tile between.",
   adjacent_turns: "Turns side by side, linked or not.",
   dead_ends: "Tiles with one connection, or with one that nothing returns.",
+  shortest_loop: "The fewest tiles on which robots can block each other for ever. The gridlock number is one less.",
   faces: "Areas that roads enclose: as many as the cyclomatic number. All the rest is the outer face.",
 };
 
@@ -39,7 +41,8 @@ export function useBlend(): Blend {
   );
 }
 
-function overlayCount(overlay: Overlay, metrics: ArrayLike<number>): number {
+function overlayCount(overlay: Overlay, metrics: ArrayLike<number>): number | undefined {
+  if (overlay === "shortest_loop") return undefined;
   const value = feature(overlay === "faces" ? "cyclomatic" : overlay, metrics);
   return overlay === "adjacent_crossings" ? value / 2 : value;
 }
