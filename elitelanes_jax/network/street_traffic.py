@@ -82,11 +82,12 @@ def gridlock_potential(
     crossing; the means sum up to `robots`. Streets and their room are those of `gridlock_gamma`.
 
     Small numbers keep their digits, and the derivative by `robots` is exact. The last digits depend
-    on the machine and the batch. Below 1e-38 the result may be 0.
+    on the machine and the batch. Below 1e-38 the result may be 0. It is infinite where all streets
+    of a cycle are sure to be full.
 
     Args:
       codes: integer codes ``[H, W]``, repaired or not.
-      robots: the number of robots, 0 or more.
+      robots: the number of robots, 0 or more. A negative number counts as 0.
       tile_size: side of a tile in metres, as for `gridlock_gamma`.
 
     Raises:

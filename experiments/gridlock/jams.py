@@ -8,6 +8,7 @@ import os
 import random
 import subprocess
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -19,7 +20,10 @@ from numpy.typing import NDArray
 from elitelanes_jax.maps import FormatOptions, export
 from experiments.common import require
 
-__all__ = ["SETTINGS", "Network", "Run", "Setting", "Ways", "draw_route", "drive", "least_loop", "make_network"]
+__all__ = [
+    *("SETTINGS", "Car", "Network", "Run", "Setting", "Ways", "draw_route", "drive", "full_loop", "least_loop"),
+    *("make_network", "stand"),
+]
 
 LANE = 3.2
 """Width of a lane in metres."""
@@ -99,6 +103,19 @@ class Run(NamedTuple):
     since: float
     speed: float
     entered: int
+
+
+class Car(NamedTuple):
+    """A car: the street that it is on, and where its front is, in metres, x east and y north.
+
+    On a crossing, `street` is SUMO's name of the lane there, which starts with a colon. `angle` is in degrees,
+    clockwise from north.
+    """
+
+    street: str
+    x: float
+    y: float
+    angle: float
 
 
 def make_network(folder: Path, codes: NDArray[np.int8], setting: Setting) -> Network:
@@ -185,11 +202,44 @@ def least_loop(network: Network) -> list[str]:
     return min(loops)[1]
 
 
+def full_loop(network: Network, cars: Sequence[Car]) -> list[str]:
+    """Returns a loop of streets that are all full; none if there is none.
+
+    A street is full if it has its capacity of cars. The shortest loop of streets comes first, then the first by names.
+    """
+    number = Counter(car.street for car in cars)
+    full = {street for street, most in network.capacity.items() if number[street] >= most}
+    graph = nx.DiGraph((street, other) for street in full for other in network.onward[street] if other in full)
+    loops = []
+    for start in graph:
+        ways = nx.single_source_shortest_path(graph, start)
+        loops += [ways[last] for last in graph.predecessors(start) if last in ways]
+    return min(loops, key=lambda loop: (len(loop), loop), default=[])
+
+
 def drive(network: Network, cars: int, seed: int, loop: Sequence[str] = ()) -> Run:
     """Lets cars drive for `END` seconds.
 
     One car starts each half second, where it finds room. With a `loop` all cars drive to it and around it.
     """
+    simulate(network, cars, seed, loop, "--summary-output", "looks.xml", "--summary-output.period", str(PERIOD))
+    looks = [look.attrib for look in ET.parse(network.folder / "looks.xml").getroot()]
+    return outcome(looks)
+
+
+def stand(network: Network, cars: int, seed: int) -> list[Car]:
+    """Returns the cars of a run of `drive` at its end."""
+    simulate(network, cars, seed, (), "--fcd-output", "cars.xml", "--device.fcd.begin", str(END - 1))
+    *_, last = ET.parse(network.folder / "cars.xml").getroot()
+    found = []
+    for car in last:
+        x, y, angle = (float(car.attrib[name]) for name in ("x", "y", "angle"))
+        found.append(Car(car.attrib["lane"].rpartition("_")[0], x, y, angle))
+    return found
+
+
+def simulate(network: Network, cars: int, seed: int, loop: Sequence[str], *outputs: str) -> None:
+    """Runs SUMO on a network."""
     rng = random.Random(seed)
     vehicles = []
     for car in range(cars):
@@ -200,10 +250,7 @@ def drive(network: Network, cars: int, seed: int, loop: Sequence[str] = ()) -> R
     # SUMO neither asks for schemas nor moves cars that wait for long.
     options = ["--xml-validation", "never", "--xml-validation.net", "never", "--xml-validation.routes", "never"]
     options += ["--no-step-log", "--no-warnings", "--time-to-teleport", "-1", "--seed", str(seed), "--end", str(END)]
-    options += ["--summary-output", "looks.xml", "--summary-output.period", str(PERIOD)]
-    call("sumo", network.folder, "-n", "town.net.xml", "-r", "cars.rou.xml", *options)
-    looks = [look.attrib for look in ET.parse(network.folder / "looks.xml").getroot()]
-    return outcome(looks)
+    call("sumo", network.folder, "-n", "town.net.xml", "-r", "cars.rou.xml", *options, *outputs)
 
 
 def outcome(looks: Sequence[Mapping[str, str]]) -> Run:

@@ -24,7 +24,7 @@ def make_towns() -> dict[str, list[list[int]]]:
     towns = {}
     for number, size in enumerate(SIZES):
         keys = jax.random.split(jax.random.key(_KEY + number), _SEEDS)
-        result = evolve(keys, size, style="town", evaluations=_EVALUATIONS)
+        result = evolve(keys, size, style="town", where="crossings=0..", evaluations=_EVALUATIONS)
         grids = np.stack([np.asarray(found.codes, np.int8) for found in result.choose(10_000).maps])
         crossings = np.asarray(jax.vmap(measure)(grids).crossings)
         girth = np.asarray(jax.vmap(gridlock_number)(grids)) + 1
