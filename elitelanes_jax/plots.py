@@ -79,7 +79,7 @@ def road_map(
     codes = np.asarray(as_map(source).codes)
     if not 0 < width <= 0.8:
         expected = "a part of a tile's side, over 0 and at most 0.8"
-        raise InputError(f"width: expected {expected}, got {width!r}")
+        raise InputError("width", expected, repr(width))
     rows, columns = codes.shape
     is_marked = np.zeros((rows, columns), bool)
     if marked is not None:
@@ -115,9 +115,7 @@ def _codes_of_loop(loop: Sequence[tuple[int, int]], codes: NDArray[np.int8]) -> 
         side = SIDE_TOWARDS.get(step)
         if side is None or tile not in np.ndindex(codes.shape) or not links[tile] & side.bit:
             expected = "tiles of a loop, each linked to the next one"
-            raise InputError(
-                f"loop: expected {expected}, got {tuple(tile)} before {tuple(following)}"
-            )
+            raise InputError("loop", expected, f"{tuple(tile)} before {tuple(following)}")
         loop_codes[tile] |= side.bit
         loop_codes[following] |= side.opposite
     return loop_codes
@@ -130,12 +128,12 @@ def _check_mask(marked: UserValue, shape: tuple[int, int]) -> NDArray[np.bool_]:
         mask = np.asarray(marked)
     except ValueError:
         # The rows have several lengths.
-        raise InputError(f"marked: expected {expected}, got {shorten(repr(marked))}") from None
+        raise InputError("marked", expected, shorten(repr(marked))) from None
     if mask.shape != shape:
-        raise InputError(f"marked: expected {expected}, got {mask.shape}")
+        raise InputError("marked", expected, mask.shape)
     # NumPy takes every text for true, also "False".
     if mask.dtype.kind in "SU":
-        raise InputError(f"marked: expected {expected}, got {shorten(repr(marked))}")
+        raise InputError("marked", expected, shorten(repr(marked)))
     return mask.astype(bool)
 
 
@@ -242,13 +240,11 @@ def archive_map(
         fitness = source.fitness
     if axes is None:
         raise InputError(
-            "axes: expected the axes of the niches, or a Result instead of its fitness, got none"
+            "axes", "the axes of the niches, or a Result instead of its fitness", "none"
         )
     axes = parse_axes(axes, features=None)
     if not all(axis.width for axis in axes):
-        raise InputError(
-            "axes: expected ones with a width, such as result.search.axes, got one without"
-        )
+        raise InputError("axes", "ones with a width, such as result.search.axes", "one without")
     # The names say in which order the table has its axes.
     shown_names = _names_of(axes, across, down)
     axis_by_name = {axis.metric: axis for axis in axes}
@@ -276,7 +272,7 @@ def _check_fitness(fitness: UserValue) -> NDArray[np.float64]:
         return np.asarray(fitness, float)
     except (TypeError, ValueError):
         # The values are texts, or rows of several lengths.
-        raise InputError(f"fitness: expected numbers, got {shorten(repr(fitness))}") from None
+        raise InputError("fitness", "numbers", shorten(repr(fitness))) from None
 
 
 def _names_of(
@@ -304,7 +300,7 @@ def _names_of(
         if name not in names or shown_names.count(name) > 1:
             argument = culprit if name == across else "down"
             expected = f"each of {', '.join(names)} at most once"
-            raise InputError(f"{argument}: expected {expected}, got {', '.join(shown_names)}")
+            raise InputError(argument, expected, ", ".join(shown_names))
     return shown_names
 
 
@@ -319,7 +315,7 @@ def _niche_table(
     bins = [axis.bins for axis in axes]
     if not fitness.size or fitness.shape[-1:] != (prod(bins),):
         raise InputError(
-            f"fitness: expected {prod(bins)} niches on the last axis, got shape {fitness.shape}"
+            "fitness", f"{prod(bins)} niches on the last axis", f"shape {fitness.shape}"
         )
     by_seed = np.where(_is_of_grid(fitness), fitness, np.inf).reshape(-1, *bins)
     lowest = by_seed.min(axis=0)
@@ -401,11 +397,11 @@ def history(
       InputError: for a result without history, another name, bad quantiles, or without matplotlib.
     """
     if name not in ("best_fitness", "elite_count"):
-        raise InputError(f"name: expected best_fitness or elite_count, got {name!r}")
+        raise InputError("name", "best_fitness or elite_count", repr(name))
     result: UserValue = record
     run: History | None = getattr(result, "history", result)
     if run is None or not hasattr(run, name):
-        raise InputError(f"record: expected a result with a history, got {shorten(repr(record))}")
+        raise InputError("record", "a result with a history", shorten(repr(record)))
     values = np.asarray(getattr(run, name), float)
     if name == "best_fitness":
         # A seed without an elite has the fitness of a vacant slot.
@@ -445,14 +441,12 @@ def seed_band(
     samples = np.atleast_2d(np.asarray(values, float))
     is_table = samples.ndim == 2 and len(samples) > 0
     if x_values.ndim != 1 or not is_table or samples.shape[1] != x_values.size:
-        raise InputError(
-            f"values: expected [S, {x_values.size}] like x, got shape {np.shape(values)}"
-        )
+        raise InputError("values", f"[S, {x_values.size}] like x", f"shape {np.shape(values)}")
     limits = np.asarray(quantiles)
     is_pair = limits.shape == (2,) and limits.dtype.kind in "fiu"
     if not is_pair or not 0 <= limits[0] <= limits[1] <= 1:
         expected = "two from 0 to 1, the lower first"
-        raise InputError(f"quantiles: expected {expected}, got {quantiles!r}")
+        raise InputError("quantiles", expected, repr(quantiles))
     low, high = limits
     ax = _axes(ax)
     # Quantiles are over the seeds, for each evaluation alone.
@@ -472,7 +466,7 @@ def _axes(ax: "Axes | None") -> "Axes":
         _, ax = pyplot.subplots(layout="constrained")
         return ax
     if not hasattr(ax, "plot"):
-        raise InputError(f"ax: expected axes of matplotlib, got {shorten(repr(ax))}")
+        raise InputError("ax", "axes of matplotlib", shorten(repr(ax)))
     return ax
 
 

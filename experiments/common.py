@@ -111,7 +111,7 @@ def require(need: str, *packages: str) -> None:
       InputError: if one is missing.
     """
     if not all(find_spec(_MODULES.get(package, package)) for package in packages):
-        raise InputError(f"{need} {' and '.join(packages)}: pip install {' '.join(packages)}")
+        raise InputError(f"{need} {' and '.join(packages)}", "", f"pip install {' '.join(packages)}")
 
 
 def write(file: Path, content: str | bytes) -> None:
@@ -129,7 +129,7 @@ def open_results(folder: Path, settings: Mapping[str, object]) -> None:
       InputError: if the path is a file, or the folder has other files or results of other settings.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder, got a file")
+        raise InputError(folder, "a folder", "a file")
     file, asked = folder / "settings.json", json.loads(json.dumps(settings))
     if not folder.is_dir() or all(entry.name.startswith(".") for entry in folder.iterdir()):
         write(file, json.dumps(asked, indent=2) + "\n")
@@ -137,13 +137,13 @@ def open_results(folder: Path, settings: Mapping[str, object]) -> None:
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise InputError(f"{folder}: expected a folder that is new, or of the same settings, got another") from None
+        raise InputError(folder, "a folder that is new, or of the same settings", "another") from None
     if not isinstance(found, dict):
-        raise InputError(f"{file}: expected a table of settings, got {type(found).__name__}")
+        raise InputError(file, "a table of settings", type(found).__name__)
     for name in asked | found:
         if asked.get(name) != found.get(name):
             got = f"expected results of {name} {asked.get(name)!r}, got some of {found.get(name)!r}"
-            raise InputError(f"{folder}: {got}; choose another folder for these")
+            raise InputError(folder, "", got, "choose another folder for these")
 
 
 def kept(file: Path, make: Callable[[], T]) -> T:
@@ -157,7 +157,7 @@ def kept(file: Path, make: Callable[[], T]) -> T:
     try:
         content: T = json.loads(file.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise InputError(f"{file}: expected results as JSON, got: {error}; delete the file to repeat its run") from None
+        raise InputError(file, "results as JSON", error, "delete the file to repeat its run") from None
     return content
 
 

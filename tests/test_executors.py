@@ -386,7 +386,7 @@ def test_a_job_that_ends_as_lost_is_one_line():
 
 def test_workers_without_the_package_are_one_line():
     missing = ModuleNotFoundError("No module named 'elitelanes_jax'")
-    with pytest.raises(InputError, match=r"^executor: expected elitelanes_jax .* on all workers, got: No module"):
+    with pytest.raises(InputError, match=r"^executor: expected elitelanes_jax .* on all workers, got No module"):
         evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=OneByOne(fails={0: missing}))
 
 
@@ -781,7 +781,7 @@ def test_a_second_command_leaves_the_jobs_of_the_first(tmp_path, monkeypatch, ca
 
 
 @pytest.mark.parametrize(
-    ("error", "remains"), [(engine.CancelledError(), ["7_log.err"]), (InputError("of a worker"), [])]
+    ("error", "remains"), [(engine.CancelledError(), ["7_log.err"]), (InputError("", "", "of a worker"), [])]
 )
 def test_logs_remain_if_a_job_was_lost(error, remains, tmp_path, monkeypatch):
     def start(folder, cluster):

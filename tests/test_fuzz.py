@@ -46,7 +46,7 @@ def listed(reader):
         problems = []
         reader(file, None, problems)
         if problems:
-            raise InputError(problems[0])
+            raise InputError("", "", problems[0])
 
     return read
 

@@ -65,7 +65,7 @@ def records():
     collect(drive.LaneDrive.step(key, given["state"], np.zeros(2, np.float32), params))
     collect([params, load_objects(), make_plan(RoadMap(GRID, objects=(cone,)))])
     collect(drive.make_scenes([RoadMap(GRID)]))
-    collect([InputError("wrong"), MissingPackageError("missing")])
+    collect([InputError("wrong", "more"), MissingPackageError("missing", "", "pip install it")])
     for kind in RECORDS:
         if kind not in found:
             # The others have defaults, or hold arrays alone.

@@ -139,7 +139,7 @@ WRONG = {
     "transforms: expected some of none, standard": lambda: DatasetSpec(transforms="luck"),
     "fill: expected True or False, got 'no'": lambda: SearchSpec(fill="no"),
     "weights: expected NAME=N with one of components": lambda: SearchSpec(weights=[3]),
-    "where 'cyclomatic=200..': expected a range with some": lambda: evolve(0, where="cyclomatic=200.."),
+    "where cyclomatic: expected a range with some": lambda: evolve(0, where="cyclomatic=200.."),
     "quarter_turns: expected a whole number": lambda: rotate(GRID, "x"),
     "optimizer: expected a function from a problem to an Optimizer": lambda: evolve(0, (4, 4), optimizer="ea"),
     "optimizer: expected a function that returns an Optimizer, got int": lambda: evolve(
@@ -341,16 +341,14 @@ WRONG = {
     "movement: expected Movement of whole numbers, got Movement(row=0.5": lambda: lane_pose(
         GRID, Pose(0.5, 0.5, 0), Movement(0.5, 0, 0, 0)
     ),
-    "movement: expected one Movement; jax.vmap takes several; got": lambda: lane_pose(
+    "movement: expected one Movement, got Movement(": lambda: lane_pose(
         GRID, Pose(0.5, 0.5, 0), Movement(*np.zeros((4, 2), int))
     ),
     "goal: expected LaneNode of whole numbers, got LaneNode(row=0.5": lambda: distances(GRID, LaneNode(0.5, 0, 0)),
     "grid: expected tile codes 0 to 15, got 16": lambda: look_at(np.full((2, 2), 16)),
     "grid: expected integer tile codes, got float64": lambda: look_at(np.zeros((2, 2))),
-    "pose: expected one Pose; jax.vmap takes several; got Pose(x=array([0.5, 0.5])": lambda: look_at(
-        GRID, Pose(*np.full((3, 2), 0.5))
-    ),
-    "objects: expected those of one map; jax.vmap takes several; got shape [1, 1]": lambda: look_at(
+    "pose: expected one Pose, got Pose(x=array([0.5, 0.5])": lambda: look_at(GRID, Pose(*np.full((3, 2), 0.5))),
+    "objects: expected those of one map, got shape [1, 1]; jax.vmap takes several": lambda: look_at(
         GRID, objects=make_objects([RoadMap(GRID, objects=(MapObject("duckie", 0.5, 0.5, 0.0, 0.1),))])
     ),
     "chosen: expected integers of shape (2, 2, 2), got int32 of shape (3, 3, 2)": lambda: look_at(
@@ -365,12 +363,8 @@ WRONG = {
     "offset: expected float [] or a number, got [0.1, 0.2]": lambda: random_pose(
         jax.random.key(0), RING, offset=[0.1, 0.2]
     ),
-    "pose: expected one Pose; jax.vmap takes several; got Pose(x=[0.5, 1.5]": lambda: lane_pose(
-        GRID, Pose([0.5, 1.5], [0.5, 1.5], [0, 0])
-    ),
-    "goal: expected one LaneNode; jax.vmap takes several; got": lambda: distances(
-        GRID, LaneNode(*np.zeros((3, 2), int))
-    ),
+    "pose: expected one Pose, got Pose(x=[0.5, 1.5]": lambda: lane_pose(GRID, Pose([0.5, 1.5], [0.5, 1.5], [0, 0])),
+    "goal: expected one LaneNode, got LaneNode(": lambda: distances(GRID, LaneNode(*np.zeros((3, 2), int))),
     "windows: expected one of limit": lambda: make("RoadNav", "no-map.json", windows=5),
     "moves: expected mine to return int8 and bool (4, 4), got [((4, 4)": lambda: evolve(
         0, (4, 4), moves={"mine": (1, Move(1, lambda bits, grid, mate: grid))}

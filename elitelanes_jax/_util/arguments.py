@@ -59,20 +59,20 @@ def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
         except WrongArgumentError as inner:
             # An inner public function refused an argument of its own. If it came from a wrong
             # argument of this function, the user needs this function's name for it.
-            message = _find_wrong(function, args, kwargs, inner)
-            if message is None:
+            wrong = _find_wrong(function, args, kwargs, inner)
+            if wrong is None:
                 raise
-            raise WrongArgumentError(message) from inner.__cause__
+            raise wrong from inner.__cause__
         except InputError:
             # The message names the argument already.
             raise
         except Exception as error:
-            message = None
+            wrong = None
             if isinstance(error, _CAUSED) or type(error).__module__ == "cv2":
-                message = _find_wrong(function, args, kwargs, error)
-            if message is None:
+                wrong = _find_wrong(function, args, kwargs, error)
+            if wrong is None:
                 raise
-            raise WrongArgumentError(message) from error
+            raise wrong from error
 
     return named
 
@@ -82,17 +82,17 @@ def _check_flags(function: Callable[..., UserValue], options: Mapping[str, UserV
     annotations = function.__annotations__
     for name, value in options.items():
         if annotations.get(name) is bool and not isinstance(value, bool | np.bool_):
-            raise WrongArgumentError(_expected(name, bool, value))
+            raise _wrong_type(name, bool, value)
 
 
-def _expected(name: str, annotation: UserValue, value: UserValue) -> str:
-    return f"{name}: expected {_describe(annotation)}, got {shorten(repr(value))}"
+def _wrong_type(name: str, annotation: UserValue, value: UserValue) -> WrongArgumentError:
+    return WrongArgumentError(name, _describe(annotation), shorten(repr(value)))
 
 
 def _find_wrong(
     function: Callable[..., UserValue], args: UserValue, kwargs: UserValue, error: Exception
-) -> str | None:
-    """Returns a message about the arguments that caused an error, or None.
+) -> WrongArgumentError | None:
+    """Returns the error for the arguments that caused another error, or None.
 
     None means that the error may have another cause.
     """
@@ -104,7 +104,7 @@ def _find_wrong(
     for parameter, value in _arguments(bound):
         # A default may have another type than its annotation, for example None.
         if value is not parameter.default and not _fits(value, parameter.annotation):
-            return _expected(parameter.name, parameter.annotation, value)
+            return _wrong_type(parameter.name, parameter.annotation, value)
     # Each argument fits alone. What is left to name are arrays whose shapes do not fit each other.
     values = bound.arguments
     if "broadcast" not in str(error) or any(map(callable, values.values())):
@@ -118,7 +118,7 @@ def _find_wrong(
     if len(arrays) < 2:
         return None
     shapes = ", ".join(str(list(np.shape(array))) for array in arrays.values())
-    return f"{', '.join(arrays)}: expected shapes that fit, got {shapes}"
+    return WrongArgumentError(", ".join(arrays), "shapes that fit", shapes)
 
 
 def _arguments(bound: BoundArguments) -> Iterator[tuple[Parameter, UserValue]]:

@@ -7,17 +7,21 @@ import os
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from inspect import signature
 from pathlib import Path
+from typing import Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 
-Check = Callable[[UserValue], UserValue]
+T = TypeVar("T")
+P = ParamSpec("P")
+
+Check: TypeAlias = Callable[[UserValue], T]
 """Takes a value or its text, and returns the checked value or raises `InputError`."""
 
 LARGEST = 2**30
@@ -71,7 +75,7 @@ def unmasked(value: UserValue) -> UserValue:
     `numpy.asarray` would show the numbers that the mask hides.
     """
     if np.ma.is_masked(value):
-        raise InputError("expected a number at each index, got a masked array")
+        raise InputError("", "a number at each index", "a masked array")
     return value
 
 
@@ -88,7 +92,7 @@ def frozen_copy(value: UserValue) -> UserValue:
     return copy
 
 
-def whole(least: int, most: int = _LARGEST_INT32) -> Check:
+def whole(least: int, most: int = _LARGEST_INT32) -> Check[int]:
     """Makes a check for a whole number from `least` to `most`."""
 
     def check(value: UserValue) -> int:
@@ -101,7 +105,7 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
         # Nobody needs to know the largest int32, unless the number is larger.
         if most == _LARGEST_INT32 and not is_too_large:
             limits = f"{least} or more"
-        raise InputError(f"expected a whole number, {limits}, got {shorten(repr(value), 40)}")
+        raise InputError("", f"a whole number, {limits}", shorten(repr(value), 40))
 
     return check
 
@@ -134,16 +138,16 @@ def floor_shape(value: UserValue) -> tuple[int, int]:
     """Checks for the rows and columns of a photographed floor."""
     expected = f"1 to {MOST_FLOOR_SIDE} rows and columns"
     if not isinstance(value, tuple | list) or len(value) != 2:
-        raise InputError(f"expected {expected}, got {shorten(repr(value))}")
+        raise InputError("", expected, shorten(repr(value)))
     rows, columns = value
     if not all(is_whole(side) and 1 <= side <= MOST_FLOOR_SIDE for side in value):
-        raise InputError(f"expected {expected}, got {shorten(f'{rows!r} and {columns!r}')}")
+        raise InputError("", expected, shorten(f"{rows!r} and {columns!r}"))
     return int(rows), int(columns)
 
 
 def real(
     least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False
-) -> Check:
+) -> Check[float]:
     """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""
     has_most = most < float("inf")
     if exclusive and has_most:
@@ -164,7 +168,7 @@ def real(
         largest = min(most, sys.float_info.max)
         is_within = is_real(number) and least <= number <= largest
         if not is_within or (exclusive and number == least):
-            raise InputError(f"expected {unit}{limit}, got {shorten(repr(value), 40)}")
+            raise InputError("", f"{unit}{limit}", shorten(repr(value), 40))
         return float(number)
 
     return check
@@ -183,29 +187,32 @@ def coordinates(value: UserValue) -> tuple[float, float]:
         ):
             return float(latitude), float(longitude)
     raise InputError(
-        "expected a latitude, -80 to 72, and a longitude, -180 to 180, in degrees, "
-        f"got {shorten(repr(value), 40)}"
+        "",
+        "a latitude, -80 to 72, and a longitude, -180 to 180, in degrees",
+        shorten(repr(value), 40),
     )
 
 
-def one_of(*names: str) -> Check:
+def one_of(*names: str) -> Check[str]:
     """Makes a check for one of the names."""
 
     def check(value: UserValue) -> str:
         if not isinstance(value, str) or value not in names:
-            raise InputError(f"expected one of {', '.join(names)}, got {shorten(repr(value), 40)}")
+            raise InputError("", f"one of {', '.join(names)}", shorten(repr(value), 40))
         return value
 
     return check
 
 
-def none_or(check: Callable[..., UserValue]) -> Callable[..., UserValue]:
+def none_or(
+    check: Callable[Concatenate[UserValue, P], T],
+) -> Callable[Concatenate[UserValue, P], T | None]:
     """Makes a check for None, or a value that passes another check."""
 
-    def check_unless_none(value: UserValue, *further: UserValue) -> UserValue:
+    def check_unless_none(value: UserValue, *further: P.args, **named: P.kwargs) -> T | None:
         if value is None:
             return None
-        return check(value, *further)
+        return check(value, *further, **named)
 
     return check_unless_none
 
@@ -213,7 +220,7 @@ def none_or(check: Callable[..., UserValue]) -> Callable[..., UserValue]:
 def nonblank(value: UserValue) -> str:
     """Checks for a text that is not blank."""
     if not isinstance(value, str) or not value.strip():
-        raise InputError(f"expected a name, got {shorten(repr(value))}")
+        raise InputError("", "a name", shorten(repr(value)))
     return value
 
 
@@ -226,16 +233,14 @@ def text_name(value: UserValue) -> str:
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise InputError(f"expected a name in UTF-8, got {shorten(repr(text))}") from None
+        raise InputError("", "a name in UTF-8", shorten(repr(text))) from None
     return text
 
 
 def xml_name(value: UserValue) -> str:
     """Checks for a text that is not blank, of characters that XML 1.0 allows (section 2.2)."""
     if re.search(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", nonblank(value)):
-        raise InputError(
-            f"expected a name without control characters, as in XML, got {shorten(repr(value))}"
-        )
+        raise InputError("", "a name without control characters, as in XML", shorten(repr(value)))
     return str(value)
 
 
@@ -243,7 +248,7 @@ def path(value: UserValue) -> Path:
     """Checks for a path."""
     # For these characters the system would raise a `ValueError`, which is no `OSError`.
     if "\0" in str(value) or not _has_bytes(str(value)):
-        raise InputError(f"expected a path, got {shorten(repr(str(value)))}")
+        raise InputError("", "a path", shorten(repr(str(value))))
     return value if isinstance(value, Path) else Path(nonblank(value))
 
 
@@ -275,32 +280,32 @@ def paths(value: UserValue) -> list[Path]:
     if isinstance(value, str | Path):
         return [path(value)]
     if not isinstance(value, Iterable):
-        raise InputError(f"expected paths, got {shorten(repr(value), 40)}")
+        raise InputError("", "paths", shorten(repr(value), 40))
     checked = [path(item) for item in value]
     if not checked:
-        raise InputError("expected at least one, got none")
+        raise InputError("", "at least one", "none")
     return checked
 
 
-def instance(kind: type) -> Check:
+def instance(kind: type[T]) -> Check[T]:
     """Makes a check for an object of a type."""
 
-    def check(value: UserValue) -> UserValue:
+    def check(value: UserValue) -> T:
         if not isinstance(value, kind):
-            raise InputError(f"expected {kind.__name__}, got {shorten(repr(value))}")
+            raise InputError("", kind.__name__, shorten(repr(value)))
         return value
 
     return check
 
 
-def listed(kind: type) -> Check:
+def listed(kind: type[T]) -> Check[Sequence[T]]:
     """Makes a check for a list or tuple of objects of a type."""
 
-    def check(values: UserValue) -> UserValue:
+    def check(values: UserValue) -> Sequence[T]:
         if type(values) not in (list, tuple) or not all(
             isinstance(value, kind) for value in values
         ):
-            raise InputError(f"expected a list of {kind.__name__}, got {shorten(repr(values))}")
+            raise InputError("", f"a list of {kind.__name__}", shorten(repr(values)))
         return values
 
     return check
@@ -309,17 +314,17 @@ def listed(kind: type) -> Check:
 def function(value: UserValue) -> Callable[..., UserValue]:
     """Checks for a function."""
     if not callable(value):
-        raise InputError(f"expected a function, got {shorten(repr(value))}")
+        raise InputError("", "a function", shorten(repr(value)))
     return value
 
 
-def function_of(*arguments: str, **named: UserValue) -> Check:
+def function_of(*arguments: str, **named: UserValue) -> Check[Callable[..., UserValue]]:
     """Makes a check that a function can be called with these arguments.
 
     The function takes `arguments` by position and `named` by name.
     """
 
-    def check(value: UserValue) -> UserValue:
+    def check(value: UserValue) -> Callable[..., UserValue]:
         try:
             signature(value).bind(*arguments, **named)
         except TypeError:
@@ -327,9 +332,7 @@ def function_of(*arguments: str, **named: UserValue) -> Check:
             for argument_name, argument in named.items():
                 expected.append(f"{argument_name}={argument}")
             got = shorten(str(signature(value)))
-            raise InputError(
-                f"expected a function of {', '.join(expected)}, got one of {got}"
-            ) from None
+            raise InputError("", f"a function of {', '.join(expected)}", f"one of {got}") from None
         except ValueError:
             # Some built-in functions do not say what they take.
             pass
@@ -343,7 +346,7 @@ def ends_as_file(file: Path) -> bool:
     return file.name.lower().endswith(_FILES)
 
 
-def file_named(suffix: str) -> Check:
+def file_named(suffix: str) -> Check[Path]:
     """Makes a check for the path of a file to write.
 
     The path has this suffix, or no suffix of another format.
@@ -352,9 +355,9 @@ def file_named(suffix: str) -> Check:
     def check(value: UserValue) -> Path:
         file = path(value)
         if ends_as_file(file) and file.suffix.lower() != suffix:
-            raise InputError(f"expected a name that ends in {suffix}, got {file}")
+            raise InputError("", f"a name that ends in {suffix}", file)
         if is_folder(file):
-            raise InputError(f"expected a file, got a folder, {file}")
+            raise InputError("", "a file", f"a folder, {file}")
         return file
 
     return check
@@ -364,33 +367,34 @@ def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; an existing folder may have any name."""
     out = path(value)
     if ends_as_file(out) and not is_folder(out):
-        raise InputError(
-            f"expected a folder, got the name of a file, {shorten(repr(str(out)), 40)}"
-        )
+        raise InputError("", "a folder", f"the name of a file, {shorten(repr(str(out)), 40)}")
     return out
 
 
 def flag(value: UserValue) -> bool:
     """Checks for True or False."""
     if not is_flag(value):
-        raise InputError(f"expected True or False, got {value!r}")
+        raise InputError("", "True or False", repr(value))
     return bool(value)
 
 
 def check_named(
-    name: str, check: Callable[..., UserValue], value: UserValue, *further: UserValue
-) -> UserValue:
+    name: str,
+    check: Callable[Concatenate[UserValue, P], T],
+    value: UserValue,
+    *further: P.args,
+    **named: P.kwargs,
+) -> T:
     """Checks a value with the further arguments of the check.
 
-    The message of an `InputError` starts with `name`.
+    Returns what the check returns. The subject of an `InputError` starts with `name`.
     """
     try:
-        return check(value, *further)
+        return check(value, *further, **named)
     except InputError as error:
-        message = str(error)
-        if not message.startswith((f"{name}:", f"{name} ")):
-            message = f"{name}: {message}"
-        raise InputError(message, subject=error.subject) from None
+        if error.subject.startswith(name) and not error.subject[len(name) :][:1].isalnum():
+            raise
+        raise error.within(name) from None
 
 
 def split_settings(text: str) -> list[str]:
@@ -413,5 +417,5 @@ def check_unique(record: str, kind: str, names: Iterable[str]) -> list[str]:
     if counts:
         name, times = counts.most_common(1)[0]
         if times > 1:
-            raise InputError(f"{record}: expected each {kind} once, got {name} {times} times")
+            raise InputError(record, f"each {kind} once", f"{name} {times} times")
     return all_names

@@ -83,11 +83,11 @@ def check_pool(executor: UserValue, parts: UserValue) -> Pool | None:
     parts = check_named("parts", none_or(whole(1)), parts)
     if executor is None:
         if parts is not None:
-            raise InputError(f"parts: expected an executor to run {parts} parts on, got none")
+            raise InputError("parts", f"an executor to run {parts} parts on", "none")
         return None
     if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
         expected = "a concurrent.futures.Executor, or another object with its method submit"
-        raise InputError(f"executor: expected {expected}, got {shorten(repr(executor))}")
+        raise InputError("executor", expected, shorten(repr(executor)))
     return Pool(executor, parts)
 
 
@@ -175,7 +175,7 @@ def _check_future(value: UserValue) -> UserValue:
     """Checks what an executor's `submit` returned."""
     if not all(callable(getattr(value, name, None)) for name in ("done", "result", "cancel")):
         expected = "submit to return a future with the methods done, result and cancel"
-        raise InputError(f"executor: expected {expected}, got {shorten(repr(value))}")
+        raise InputError("executor", expected, shorten(repr(value)))
     return value
 
 
@@ -193,9 +193,7 @@ def _dump(function: Callable[..., Untyped]) -> bytes:
     try:
         return bytes(dumps(function))
     except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise InputError(
-            f"executor: expected functions that can be sent to workers, got {error}{hint}"
-        ) from None
+        raise InputError("executor", "functions that can be sent to workers", error, hint) from None
 
 
 @lru_cache(maxsize=8)
@@ -207,9 +205,8 @@ def _load(payload: bytes) -> Callable[..., Untyped]:
     try:
         return pickle.loads(payload)
     except ImportError as error:
-        expected = "expected the modules of your functions"
         hint = "cloudpickle.register_pickle_by_value(module) sends a module's functions"
-        raise InputError(f"{expected}, got: {error}; {hint}") from None
+        raise InputError("", "the modules of your functions", error, hint) from None
 
 
 def _call(versions: dict[str, str], payload: bytes, argument: bytes) -> _Outcome:
@@ -223,7 +220,7 @@ def _call(versions: dict[str, str], payload: bytes, argument: bytes) -> _Outcome
         _check_versions(versions)
         function = _load(payload)
     except InputError as error:
-        return _Outcome(None, InputError(f"worker {platform.node()}: {error}"))
+        return _Outcome(None, error.within(f"worker {platform.node()}"))
     try:
         return _Outcome(function(pickle.loads(argument)), None)
     except _OURS as error:
@@ -236,7 +233,7 @@ def _check_versions(expected: dict[str, str]) -> None:
     """Checks that this worker has the versions of the caller."""
     for name, version in installed_versions(*expected).items():
         if version != expected.get(name):
-            raise InputError(f"expected {name} {expected.get(name)}, as here, got {version}")
+            raise InputError("", f"{name} {expected.get(name)}, as here", version)
 
 
 def _name_worker(error: Exception) -> Exception:
@@ -245,7 +242,9 @@ def _name_worker(error: Exception) -> Exception:
     if isinstance(error, OSError) and error.errno is not None:
         place = worker if error.filename is None else f"{worker}: {error.filename}"
         return OSError(error.errno, error.strerror, place)
-    if isinstance(error, OSError | NotEnoughMemoryError | MissingPackageError):
+    if isinstance(error, MissingPackageError):
+        return error.within(worker)
+    if isinstance(error, OSError | NotEnoughMemoryError):
         return type(error)(f"{worker}: {error}")
     return error
 
@@ -275,9 +274,7 @@ def _read(future: Untyped, index: int, count: int) -> Untyped:
         outcome = future.result()
         if not isinstance(outcome, _Outcome):
             got = shorten(repr(outcome))
-            raise InputError(
-                f"executor: expected futures with the result of the submitted call, got {got}"
-            )
+            raise InputError("executor", "futures with the result of the submitted call", got)
         # Submitit raises in a job whose time is over.
         if outcome.error is not None and _is_loss(outcome.error):
             raise outcome.error
@@ -296,7 +293,7 @@ def _naming_loss(index: int, count: int, expected: str) -> Iterator[None]:
         yield
     except ImportError as error:
         package = f"elitelanes_jax {installed_versions()['elitelanes_jax']} on all workers"
-        raise InputError(f"executor: expected {package}, got: {error}") from None
+        raise InputError("executor", package, error) from None
     except Exception as error:
         if not _is_loss(error):
             raise

@@ -6,25 +6,79 @@ import sys
 import warnings
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from typing import Self
 
 from elitelanes_jax._util.types import UserValue
 
 
 class InputError(ValueError):
-    """A wrong argument, file or folder. The message names it, what was expected and what came.
+    """A wrong argument, file or folder: what it is, what was expected, and what came.
 
-    The command line prints the message alone. Any other error, also a plain `ValueError`, is a bug
-    with a traceback.
+    The message is "subject: expected this, got that; hint". The command line prints the message
+    alone. Any other error, also a plain `ValueError`, is a bug with a traceback.
 
     Attributes:
-      subject: the option that the message is about, if a caller may know where its value came from.
+      subject: the name of the argument, option, file or folder, or "" if only a caller knows it.
+        A place within a file has the file's name before it: "map.yaml: tiles".
+      expected: what the subject should be. If this is "", the message has only what came.
+      got: what came, or "" if the message has only what was expected.
+      hint: what the user may do, or "".
     """
 
-    def __init__(self, message: str, *, subject: str | None = None) -> None:
-        self.subject = subject
-        # An array in the message has several lines, whose later ones begin with spaces or a bracket.
-        # They become one line. Other line breaks stay.
-        super().__init__(re.sub(r"\n\s+|\n(?=\[)", " ", message))
+    def __init__(
+        self, subject: object, expected: object, got: object = "", hint: object = ""
+    ) -> None:
+        # Exceptions are sent to other processes by their arguments, so these are plain texts.
+        super().__init__(*(_on_one_line(str(part)) for part in (subject, expected, got, hint)))
+
+    @property
+    def subject(self) -> str:
+        return str(self.args[0])
+
+    @property
+    def expected(self) -> str:
+        return str(self.args[1])
+
+    @property
+    def got(self) -> str:
+        return str(self.args[2])
+
+    @property
+    def hint(self) -> str:
+        return str(self.args[3])
+
+    def __str__(self) -> str:
+        expected = f"expected {self.expected}" if self.expected else ""
+        got = f"got {self.got}" if self.expected and self.got else self.got
+        statement = ", ".join(filter(None, (expected, got)))
+        message = ": ".join(filter(None, (self.subject, statement)))
+        return "; ".join(filter(None, (message, self.hint)))
+
+    def replace(self, **parts: object) -> Self:
+        """Returns the error with another subject, expectation or hint, or with other words."""
+        return type(self)(
+            *(
+                parts.get(name, getattr(self, name))
+                for name in ("subject", "expected", "got", "hint")
+            )
+        )
+
+    def within(self, place: object) -> Self:
+        """Returns the error with a file or option before its subject."""
+        return self.replace(subject=": ".join(filter(None, (str(place), self.subject))))
+
+    def advise(self, hint: str) -> Self:
+        """Returns the error with a further hint."""
+        return self.replace(hint="; ".join(filter(None, (self.hint, hint))))
+
+
+def _on_one_line(text: str) -> str:
+    """Returns a text whose arrays are on one line.
+
+    An array in a message has several lines, whose later ones begin with spaces or a bracket. Other
+    line breaks stay.
+    """
+    return re.sub(r"\n\s+|\n(?=\[)", " ", text)
 
 
 class MissingPackageError(InputError):
@@ -60,7 +114,7 @@ def warn_user(message: str) -> None:
 def suggest(name: UserValue, known: Iterable[str]) -> str:
     """Returns the known name that an unknown name probably means.
 
-    The result is the end of a message, or "" if no known name is similar.
+    The result is a hint, or "" if no known name is similar.
     """
     # Dashes that all options begin with would make any two of them alike: --floor and --force.
     names_by_word = {candidate.lstrip("-"): candidate for candidate in known}
@@ -75,7 +129,7 @@ def suggest(name: UserValue, known: Iterable[str]) -> str:
         similar = [other for other in names_by_word if other.startswith(word[:3])]
     if not similar:
         return ""
-    return f"; is it {names_by_word[similar[0]]}?"
+    return f"is it {names_by_word[similar[0]]}?"
 
 
 def pluralize(count: int, noun: str) -> str:

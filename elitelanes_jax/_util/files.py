@@ -49,7 +49,7 @@ def read_bytes(file: str | Path, limit: int) -> bytes:
         content = stream.read(limit + 1)
     if len(content) > limit:
         size = f"{limit / MIB:g} MiB" if limit >= MIB else f"{limit / KIB:g} KiB"
-        raise InputError(f"{file}: expected a file of at most {size}, got a larger one")
+        raise InputError(file, f"a file of at most {size}", "a larger one")
     return content
 
 
@@ -71,10 +71,10 @@ def read_input(file: str | Path, limit: int, kind: str) -> str:
         return read_text(file, limit)
     except FileNotFoundError:
         # The name may be meant for a folder.
-        raise InputError(f"{file}: no such file or directory") from None
+        raise InputError(file, "", "no such file or directory") from None
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
-        raise InputError(f"{file}: expected a readable {kind} file, got: {why}") from None
+        raise InputError(file, f"a readable {kind} file", why) from None
 
 
 def read_json(file: str | Path) -> Plain:
@@ -97,10 +97,10 @@ def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
         # The file is too large, and the message names it.
         raise
     except OSError as error:
-        raise InputError(f"{source}: {reason(error)}") from None
+        raise InputError(source, "", reason(error)) from None
     except (ValueError, RecursionError) as error:
         # TOML has a `TOMLDecodeError`, and UTF-8 a `UnicodeDecodeError`; both are a ValueError.
-        raise InputError(f"{source}: expected TOML, got {shorten(str(error))}") from None
+        raise InputError(source, "TOML", shorten(str(error))) from None
 
 
 def parse_json(text: str) -> Plain:
@@ -118,7 +118,7 @@ def _object(pairs: Sequence[tuple[str, Plain]]) -> dict[str, Plain]:
 
 
 def _refuse(number: str) -> NoReturn:
-    raise InputError(f"JSON: expected numbers, got {shorten(number)}")
+    raise InputError("JSON", "numbers", shorten(number))
 
 
 def _finite(number: str) -> float:
@@ -217,7 +217,7 @@ def check_new(file: Path) -> None:
         got = "a link that leads nowhere"
     else:
         return
-    raise InputError(f"{file}: expected a new file, got {got}")
+    raise InputError(file, "a new file", got)
 
 
 def copy_mode(old: Path, new: Path) -> None:
@@ -245,5 +245,5 @@ def never_replacing(file: Path) -> Iterator[None]:
 
 def unwritable_error(path: str | Path, error: OSError) -> InputError:
     """Returns the error that says why a path cannot be written to."""
-    got = f" {error.filename}" if error.filename else ""
-    return InputError(f"{path}: expected a path that can be written to, got{got}: {reason(error)}")
+    got = ": ".join(filter(None, (error.filename, reason(error))))
+    return InputError(path, "a path that can be written to", got)

@@ -108,7 +108,7 @@ def output_folder(
         # The current folder was deleted.
         raise unwritable_error(asked, error) from None
     if out.is_symlink():
-        raise InputError(f"{asked}: expected a folder, got a link that leads to itself")
+        raise InputError(asked, "a folder", "a link that leads to itself")
     hidden = _hidden(out)
     work = Unfinished(hidden / _FILES, hidden / _KEPT)
     has_own_files = False
@@ -161,9 +161,7 @@ def check_renamable(folder: str | Path) -> None:
             got = "the current one"
         else:
             return
-        raise InputError(
-            f"{folder}: expected a folder that can be renamed, got {got}; name a new folder in it"
-        )
+        raise InputError(folder, "a folder that can be renamed", got, "name a new folder in it")
 
 
 def has_unfinished(out: str | Path) -> bool:
@@ -226,9 +224,7 @@ def compare_settings(
     except (OSError, ValueError, RecursionError):
         earlier = None
     if not isinstance(earlier, dict):
-        raise InputError(
-            f"{folder}: expected settings of an earlier run in {file}, got none; {hint}"
-        )
+        raise InputError(folder, f"settings of an earlier run in {file}", "none", hint)
     # The earlier file may have further settings, which are not compared.
     earlier = {name: earlier.get(name) for name in settings}
     # The settings become as JSON has them: a tuple becomes a list.
@@ -237,7 +233,7 @@ def compare_settings(
         return
     expected = f"{difference.name} {shorten(repr(difference.value))}"
     got = shorten(repr(difference.other))
-    raise InputError(f"{folder}: expected results with {expected}, got results with {got}; {hint}")
+    raise InputError(folder, f"results with {expected}", f"results with {got}", hint)
 
 
 def first_difference(table: Mapping[str, Plain], other: Mapping[str, Plain]) -> Difference | None:
@@ -265,10 +261,8 @@ def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
         if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
             continue
         if not Path(folder).is_dir():
-            raise InputError(f"{folder}: expected a file to replace that is no input, got {path}")
-        raise InputError(
-            f"{folder}: expected a folder to replace that contains no input, got one with {path}"
-        )
+            raise InputError(folder, "a file to replace that is no input", path)
+        raise InputError(folder, "a folder to replace that contains no input", f"one with {path}")
 
 
 def foreign_file(folder: Path, is_ours: Callable[[str], Plain]) -> str | None:
@@ -316,23 +310,20 @@ def _check_replaceable(
 ) -> None:
     """Checks that an output folder is new or empty, or may be replaced; see `output_folder`."""
     if out.exists() and not out.is_dir():
-        raise InputError(f"{asked}: expected a folder that is new or empty, got a file")
+        raise InputError(asked, "a folder that is new or empty", "a file")
     if not out.exists() or not any(out.iterdir()):
         return
     # Without `foreign` no folder is replaced.
     foreign_name = None if foreign is None else foreign(out)
     if force and foreign_name:
         raise InputError(
-            f"{asked}: expected a folder with files of an earlier run alone, "
-            f"got one with {foreign_name}"
+            asked, "a folder with files of an earlier run alone", f"one with {foreign_name}"
         )
     if not force or foreign is None:
         hint = ""
         if foreign is not None and not foreign_name:
-            hint = "; force=True replaces it"
-        raise InputError(
-            f"{asked}: expected a folder that is new or empty, got one with files in it{hint}"
-        )
+            hint = "force=True replaces it"
+        raise InputError(asked, "a folder that is new or empty", "one with files in it", hint)
     check_apart(asked, inputs)
 
 

@@ -222,7 +222,7 @@ def _held(
             remedy = (
                 f"force=True replaces its lock {_duration(_SILENCE)} after it was seen, or {remedy}"
             )
-    return InputError(f"{asked}: expected no other run at work in it, got {got}; {remedy}")
+    return InputError(asked, "no other run at work in it", got, remedy)
 
 
 def _duration(seconds: float) -> str:

@@ -59,7 +59,7 @@ def read_npz(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
                 size = sum(member.file_size for member in members.infolist())
             most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), free_memory() // 4)
             if size > most:
-                raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
+                raise InputError("", f"at most {most:,} bytes unpacked", f"{size:,}")
             stream.seek(0)
             archive = np.load(stream, allow_pickle=False)
             arrays = {name: archive[name] for name in archive.files}
@@ -70,9 +70,9 @@ def read_npz(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
             settings = arrays.pop(_SETTINGS, None)
             return None if settings is None else json.loads(str(settings)), arrays
     except OSError as error:
-        raise InputError(f"{path}: {reason(error)}") from None
+        raise InputError(path, "", reason(error)) from None
     except _DAMAGES as error:
         words = shorten(str(error).partition("\n")[0] or type(error).__name__)
         raise InputError(
-            f"{path}: expected NumPy's .npz, got a file that cannot be read as such: {words}"
+            path, "NumPy's .npz", f"a file that cannot be read as such: {words}"
         ) from None

@@ -65,4 +65,4 @@ def import_optional(module: str, need: str, package: str | None = None) -> Modul
     except ImportError:
         extra = EXTRAS.get(module.partition(".")[0])
         hint = "" if extra is None else f", or the extra {extra} of elitelanes_jax"
-        raise MissingPackageError(f"{need}: pip install {package or module}{hint}") from None
+        raise MissingPackageError(need, "", f"pip install {package or module}{hint}") from None

@@ -106,7 +106,7 @@ def number_or_array(check: Check, each: Check | None = None, *, whole: bool = Fa
             return check(value)
         numpy = jax.numpy if of_jax else np
         if not numpy.issubdtype(value.dtype, kind) or numpy.iscomplexobj(value):
-            raise InputError(f"expected {expected}, got {value.dtype} {list(value.shape)}")
+            raise InputError("", expected, f"{value.dtype} {list(value.shape)}")
         if not (of_jax and isinstance(value, jax.core.Tracer)) and value.size:
             numbers = np.asarray(jax.device_get(value) if of_jax else value)
             check_each(_number(numbers.min()))
@@ -206,9 +206,7 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
     known = list(known)
     for name in names:
         if name not in known:
-            raise InputError(
-                f"{name}: expected one of {', '.join(known)}, got {name!r}{suggest(name, known)}"
-            )
+            raise InputError(name, f"one of {', '.join(known)}", repr(name), suggest(name, known))
 
 
 def descriptions(kind: type) -> dict[str, str]:

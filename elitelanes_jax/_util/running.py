@@ -45,8 +45,10 @@ def check_not_forked() -> None:
     """Raises `InputError` in a process that was forked after JAX started."""
     if _forked:
         raise InputError(
-            "process: expected a process in which JAX can run, got a fork of a process that had "
-            "started JAX; start workers with multiprocessing's method spawn or forkserver"
+            "process",
+            "a process in which JAX can run",
+            "a fork of a process that had started JAX",
+            "start workers with multiprocessing's method spawn or forkserver",
         )
 
 

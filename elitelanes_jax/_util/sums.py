@@ -47,15 +47,11 @@ def read_checked(folder: Path, path: str, sums: Mapping[str, str]) -> bytes:
     """
     file = folder / path
     if path not in sums:
-        raise InputError(f"{folder / SUMS}: expected a checksum of {path}, got none")
+        raise InputError(folder / SUMS, f"a checksum of {path}", "none")
     try:
         content = file.read_bytes()
     except FileNotFoundError:
-        raise InputError(
-            f"{folder}: expected all its files, as {SUMS} lists them, got no {path}"
-        ) from None
+        raise InputError(folder, f"all its files, as {SUMS} lists them", f"no {path}") from None
     if sha256(content).hexdigest() != sums[path]:
-        raise InputError(
-            f"{file}: expected the file whose checksum is in {SUMS}, got a damaged or another one"
-        )
+        raise InputError(file, f"the file whose checksum is in {SUMS}", "a damaged or another one")
     return content

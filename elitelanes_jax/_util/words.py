@@ -35,15 +35,14 @@ def parse_words(
         return defaults.replace(**{str(name): setting for name, setting in value.items()})
     words = [value] if isinstance(value, str) else value
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"{field}: expected words such as {example}, got {shorten(repr(value))}")
+        raise InputError(field, f"words such as {example}", shorten(repr(value)))
     # A name that is given twice has no clear value.
     check_unique(field, kind, [word.partition("=")[0] for word in words])
     # A preset after other words would override them without notice.
     late_presets = [word for word in words[1:] if word in presets]
     if late_presets:
-        raise InputError(
-            f"{field}: expected {late_presets[0]} alone or first, because it sets all {kind}s"
-        )
+        expected = f"{late_presets[0]} alone or first, because it sets all {kind}s"
+        raise InputError(field, expected, f"it after {words[0]}")
     # Fields that are False by default are flags, and all others take a number.
     names = defaults.options() if names is None else names
     flags = {name.replace("_", "-"): name for name in names if getattr(defaults, name) is False}
@@ -61,5 +60,5 @@ def parse_words(
         else:
             settings = [f"{known}=..." for known in numbers]
             expected = ", ".join([*presets, *flags, *settings])
-            raise InputError(f"{field}: expected some of {expected}, got {shorten(repr(word))}")
+            raise InputError(field, f"some of {expected}", shorten(repr(word)))
     return record

@@ -104,9 +104,7 @@ class RoadNetworks:
         codes = known_grid(content)
         if codes.shape != self.shape:
             height, width = self.shape
-            raise InputError(
-                f"content: expected {height} x {width} tile codes, got {list(codes.shape)}"
-            )
+            raise InputError("content", f"{height} x {width} tile codes", list(codes.shape))
         metrics = Metrics(**plain_measure(codes))
         cut = cut_to_roads(codes)
         side = max(codes.shape)

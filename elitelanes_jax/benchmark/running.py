@@ -50,8 +50,7 @@ def run_task(
     numbers = _check_seeds(seeds)
     if not callable(search):
         raise InputError(
-            "search: expected a generator function, which yields grids, "
-            f"got {shorten(repr(search))}"
+            "search", "a generator function, which yields grids", shorten(repr(search))
         )
     # Otherwise a function of other arguments would raise a `TypeError` that does not name `search`.
     check_named("search", function_of("task", "generator"), search)
@@ -70,9 +69,7 @@ def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
         else list(range(check_named("seeds", whole(1), seeds)))
     )
     if not numbers or any(not is_whole(seed) or seed < 0 for seed in numbers):
-        raise InputError(
-            f"seeds: expected a number or several, 0 or more, got {shorten(repr(seeds))}"
-        )
+        raise InputError("seeds", "a number or several, 0 or more", shorten(repr(seeds)))
     # Equal seeds give equal runs, which would narrow the intervals of the scores.
     check_unique("seeds", "seed", map(str, numbers))
     return numbers
@@ -83,8 +80,7 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
     # A function that returns its grids instead of yielding them would receive no measurements.
     if not isinstance(search, Generator):
         raise InputError(
-            "search: expected a generator function, which yields grids, "
-            f"got {shorten(repr(search))}"
+            "search", "a generator function, which yields grids", shorten(repr(search))
         )
     budgets = task.budgets
     archive = _Archive(task)
@@ -143,7 +139,7 @@ def _check(task: Task, batch: UserValue) -> Int8[np.ndarray, "B H W"]:
     try:
         codes = np.asarray(batch)
     except ValueError as error:
-        raise InputError(f"search: expected an array of grids, got {shorten(str(error))}") from None
+        raise InputError("search", "an array of grids", shorten(str(error))) from None
     if (
         codes.ndim != 3
         or codes.shape[1:] != task.shape
@@ -152,10 +148,9 @@ def _check(task: Task, batch: UserValue) -> Int8[np.ndarray, "B H W"]:
     ):
         shape = f"[B, {task.shape[0]}, {task.shape[1]}]"
         raise InputError(
-            f"search: expected grids {shape} of whole numbers, "
-            f"got {codes.dtype} {list(codes.shape)}"
+            "search", f"grids {shape} of whole numbers", f"{codes.dtype} {list(codes.shape)}"
         )
     # Codes are checked before the conversion to int8, in which larger ones would overflow.
     if not 0 <= codes.min() <= codes.max() <= 15:
-        raise InputError(f"search: expected tile codes 0 to 15, got {codes.min()} to {codes.max()}")
+        raise InputError("search", "tile codes 0 to 15", f"{codes.min()} to {codes.max()}")
     return codes.astype(np.int8)

@@ -48,17 +48,16 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     best = np.asarray(check_named("best", unmasked, best))
     if best.ndim < 2 or best.shape[-1] != len(task.optimum):
         raise InputError(
-            f"best: expected shape [..., {len(task.optimum)}] for {task.name}, "
-            f"got {list(best.shape)}"
+            "best", f"shape [..., {len(task.optimum)}] for {task.name}", list(best.shape)
         )
     if np.isnan(best).any():
-        raise InputError("best: expected numbers, infinite in vacant niches, got nan")
+        raise InputError("best", "numbers, infinite in vacant niches", "nan")
     # A better fitness than the proven one is a mistake in the archive or in the proof.
     if (beyond := best < task.optimum).any():
         (*_, niche) = np.argwhere(beyond)[0]
         value, least = best[beyond][0], task.optimum[niche]
         raise InputError(
-            f"best: expected no fitness below the optimum, {least} in niche {niche}, got {value:g}"
+            "best", f"no fitness below the optimum, {least} in niche {niche}", f"{value:g}"
         )
     # A vacant niche has the fitness of a vacant slot, or an infinite one.
     filled = best < VACANT
@@ -100,11 +99,11 @@ def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     """
     values = np.atleast_1d(np.asarray(check_named("values", unmasked, values)))
     if values.dtype.kind not in "biuf" or np.isinf(values).any():
-        raise InputError(f"values: expected finite scores or NaN, got {shorten(repr(values))}")
+        raise InputError("values", "finite scores or NaN", shorten(repr(values)))
     values = values.astype(float)
     if values.ndim != 1:
         raise InputError(
-            f"values: expected one score for each run, shape [R], got shape {list(values.shape)}"
+            "values", "one score for each run, shape [R]", f"shape {list(values.shape)}"
         )
     known = values[~np.isnan(values)]
     if not len(known):

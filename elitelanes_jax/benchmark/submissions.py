@@ -63,14 +63,14 @@ class Submission(NamedTuple):
         present = [name for name in names if name in stored]
         if len(present) < len(names):
             got = ", ".join(present) or "none"
-            raise InputError(f"{file}: expected arrays {', '.join(names)}, got {got}")
+            raise InputError(file, f"arrays {', '.join(names)}", got)
         version, task_name, grids = (stored[name] for name in names)
         if version.tolist() != VERSION:
-            raise InputError(f"{file}: expected version {VERSION}, got {version.tolist()!r}")
+            raise InputError(file, f"version {VERSION}", repr(version.tolist()))
         try:
             task = find_task(task_name.tolist())
         except InputError as error:
-            raise InputError(f"{file}: {error}") from None
+            raise error.within(file) from None
         _check(str(file), task, grids, LEAST_RUNS)
         return cls(task, grids.astype(np.int8))
 
@@ -125,25 +125,19 @@ def _checked_grids(submission: Submission, source: str, least: int) -> NDArray[n
 def _check(source: str, task: Task, grids: np.ndarray, least: int) -> None:
     # The size is checked first, before all grids are read.
     if grids.nbytes > _MOST_BYTES:
-        raise InputError(
-            f"{source}: expected grids of at most {_MOST_BYTES:,} bytes, got {grids.nbytes:,}"
-        )
+        raise InputError(source, f"grids of at most {_MOST_BYTES:,} bytes", f"{grids.nbytes:,}")
     budgets = len(task.budgets)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
     if grids.ndim != 5 or grids.shape[1] != budgets or grids.shape[3:] != task.shape:
-        raise InputError(
-            f"{source}: expected grids {shape} for {task.name}, got {list(grids.shape)}"
-        )
+        raise InputError(source, f"grids {shape} for {task.name}", list(grids.shape))
     if len(grids) < least:
-        raise InputError(f"{source}: expected at least {pluralize(least, 'run')}, got {len(grids)}")
+        raise InputError(source, f"at least {pluralize(least, 'run')}", len(grids))
     if not grids.size:
-        raise InputError(f"{source}: expected at least one slot in grids, got {list(grids.shape)}")
+        raise InputError(source, "at least one slot in grids", list(grids.shape))
     if not np.issubdtype(grids.dtype, np.integer):
-        raise InputError(f"{source}: expected whole numbers in grids, got {grids.dtype}")
+        raise InputError(source, "whole numbers in grids", grids.dtype)
     if not 0 <= grids.min() <= grids.max() <= 15:
-        raise InputError(
-            f"{source}: expected tile codes 0 to 15 in grids, got {grids.min()} to {grids.max()}"
-        )
+        raise InputError(source, "tile codes 0 to 15 in grids", f"{grids.min()} to {grids.max()}")
 
 
 def _measure(submission: Submission) -> Measured:
@@ -169,8 +163,7 @@ def _best_fitness(task: Task, measured: Measured) -> NDArray[np.float64]:
         index = tuple(beyond[0].tolist())
         got = f"one at {measured.cyclomatic[index]}, {_slot(index)}"
         raise InputError(
-            f"grids: expected none in niches that are certified to be empty, got {got}: "
-            "please report it"
+            "grids", "none in niches that are certified to be empty", f"{got}: please report it"
         )
     best = np.full((*flawless.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
@@ -182,8 +175,7 @@ def _best_fitness(task: Task, measured: Measured) -> NDArray[np.float64]:
             index = tuple(better[0].tolist())
             got = f"{measured.fitness[index]} at cyclomatic number {cyclomatic}, {_slot(index)}"
             raise InputError(
-                f"grids: expected none better than the certified {optimum}, got {got}: "
-                "please report it"
+                "grids", f"none better than the certified {optimum}", f"{got}: please report it"
             )
     return best
 

@@ -71,7 +71,7 @@ def find_task(name: str) -> Task:
     size, _, budget = name.partition("-") if isinstance(name, str) else ("", "", "")
     if size not in SIZES or budget not in map(str, BUDGETS):
         expected = f"SIZE-BUDGET of {', '.join(SIZES)} and {', '.join(map(str, BUDGETS))}"
-        raise InputError(f"task: expected {expected}, got {shorten(repr(name), 40)}")
+        raise InputError("task", expected, shorten(repr(name), 40))
     certificate = _certificates()[size]
     niches = certificate["niches"]
     return Task(

@@ -54,7 +54,9 @@ class Parser(argparse.ArgumentParser):
             hint = ""
             if unknown[0].startswith("--"):
                 hint = suggest(unknown[0], self._option_string_actions)
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+            self.error(
+                "; ".join(filter(None, (f"unrecognized arguments: {' '.join(unknown)}", hint)))
+            )
         return namespace, unknown
 
     def error(self, message: str) -> NoReturn:
@@ -82,7 +84,7 @@ def file_ending(*suffixes: str) -> Callable[[str], UserValue]:
     def check(text: UserValue) -> Path:
         file: Path = path(text)
         if file.suffix.lower() not in suffixes:
-            raise InputError(f"expected a name that ends in {known}, got {text[:40]!r}")
+            raise InputError("", f"a name that ends in {known}", repr(text[:40]))
         return file
 
     return checked_by(check)
@@ -217,7 +219,7 @@ def naming(prefix: object) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(f"{prefix}: {error}") from None
+        raise error.within(prefix) from None
 
 
 def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> UserValue:
@@ -240,40 +242,37 @@ def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> 
 
 @contextmanager
 def naming_options(defaults: Record | SearchSpec, *only: str) -> Iterator[None]:
-    """Makes errors in its block that start with the name of a field start with the option's name.
+    """Makes errors in its block name the option instead of the field.
 
-    Those of all fields, or of some alone, because a file in a message may have the name of another
-    field.
+    Those of all fields, or of some alone, because a file may have the name of another field.
     """
     try:
         yield
     except InputError as error:
-        # Errors name fields, and the user knows options.
         flags = {
             name: _flag(name, option)
             for name, option, *_ in _listed(defaults)
             if not only or name in only
         }
-        raise type(error)(_name_flag(str(error), flags)) from None
+        raise _with_flags(error, flags) from None
 
 
-def _name_flag(message: str, flags: Mapping[str, str]) -> str:
-    """Replaces a field's name at the start of a message by its option.
+def _with_flags(error: InputError, flags: Mapping[str, str]) -> InputError:
+    """Returns the error with options instead of fields.
 
-    Settings such as field='value' in the message are replaced too.
+    The subject is a field, and perhaps a part of it: "where crossings". What was expected may name
+    other fields as Python writes them: "none with method='ea'".
     """
 
     def name_setting(match: re.Match[str]) -> str:
-        name, value = match[1], match[2]
-        return f"{flags.get(name, name)} {value}"
+        return f"{flags.get(match[1], match[1])} {match[2]}"
 
-    # Messages quote other fields as Python writes them, such as method='ea'.
-    message = re.sub(r"\b(\w+)='(\w+)'", name_setting, message)
-    # A colon or further words follow the field's name at the start of a message.
-    start = re.match(r"\w+(?=[: ])", message)
-    if start is None or start[0] not in flags:
-        return message
-    return flags[start[0]] + message[start.end() :]
+    field = re.match(r"\w+", error.subject)
+    subject = error.subject
+    if field is not None and field[0] in flags:
+        subject = flags[field[0]] + subject[field.end() :]
+    expected = re.sub(r"\b(\w+)='(\w+)'", name_setting, error.expected)
+    return error.replace(subject=subject, expected=expected)
 
 
 def _flag(name: str, option: Option) -> str:

@@ -88,9 +88,7 @@ def _drive(options: argparse.Namespace) -> int:
     kind, rides_shown = options.out.suffix.lower(), options.rides or 6
     if kind in (".mp4", ".gif"):
         if options.rides is not None:
-            raise InputError(
-                f"--rides: expected none with a film, which shows one ride, got {options.rides}"
-            )
+            raise InputError("--rides", "none with a film, which shows one ride", options.rides)
         # A film needs only the ride that it shows.
         rides_shown = 1
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
@@ -117,9 +115,9 @@ def _drive(options: argparse.Namespace) -> int:
         )
     except InputError as error:
         # The messages name the policy, or say what is wrong with the map without its file.
-        message = str(error)
-        source = "--" if message.startswith("policy:") else f"{options.map}: "
-        raise InputError(source + message) from None
+        if error.subject == "policy":
+            raise error.replace(subject="--policy") from None
+        raise error.within(options.map) from None
     # Films and trails look alike: the same tiles at the same size.
     look = {"tile_px": options.tile_px, "chosen": chosen}
     with never_replacing(options.out):

@@ -69,9 +69,7 @@ def _edit(options: argparse.Namespace) -> int:
         server = HandServer(work, port)
     except OSError as error:
         # Another program may listen on the port.
-        raise InputError(
-            f"--port: expected a free port, got {options.port}: {reason(error)}"
-        ) from None
+        raise InputError("--port", "a free port", f"{options.port}: {reason(error)}") from None
     try:
         with server:
             _serve(server, options)

@@ -32,12 +32,12 @@ _TASKS = ("nodes", "tasks_per_node", "ntasks")
 _LISTS = ("setup", "teardown", "srun_args")
 
 
-def _text_of(expected: str) -> Check:
+def _text_of(expected: str) -> Check[str]:
     """Makes a check for a text that is not blank."""
 
     def check(text: UserValue) -> str:
         if not text.strip():
-            raise InputError(f"expected {expected}, got {text!r}")
+            raise InputError("", expected, repr(text))
         return str(text)
 
     return check
@@ -86,14 +86,14 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
         # number, also in the names of folders.
         if "%" in str(jobs):
             raise InputError(
-                f"--slurm: expected an output folder without % in its path, got {options.out.absolute()}"
+                "--slurm", "an output folder without % in its path", options.out.absolute()
             )
         # A second command for the same output folder must not remove the jobs of the first one.
         with locked(jobs, options.out, force=options.force), _keeping_logs(jobs):
             yield Pool(_open_submitit(options.slurm, jobs), options.parts)
     elif options.parts is not None:
         # Without an executor, this process does all the work, and parts would have no meaning.
-        raise InputError("--parts: expected --dask or --slurm with it, got neither")
+        raise InputError("--parts", "--dask or --slurm with it", "neither")
     else:
         yield None
 
@@ -108,9 +108,9 @@ def _open_dask(address: str) -> Iterator[Engine]:
         client = distributed.Client(address, timeout=_ANSWER)
     except Exception as error:
         # Another program at this address can answer anything.
-        expected = "expected the address of a Dask scheduler that answers, such as tcp://host:8786"
+        expected = "the address of a Dask scheduler that answers, such as tcp://host:8786"
         reason = shorten(str(error) or f"no answer in {_ANSWER} s", 100)
-        raise InputError(f"--dask: {expected}, got {address!r}: {reason}") from None
+        raise InputError("--dask", expected, f"{address!r}: {reason}") from None
     with client:
         yield client.get_executor()
 
@@ -154,17 +154,17 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
         # A value with spaces is quoted.
         words = shlex.split(text)
     except ValueError:
-        raise InputError(f"--slurm: expected quotes in pairs, got {text!r}") from None
+        raise InputError("--slurm", "quotes in pairs", repr(text)) from None
     # Options have the form name=value, as in Submitit's own functions.
     for word in words:
         option, equals, value = word.partition("=")
         if not option.isidentifier() or not equals:
-            raise InputError(f"--slurm: expected {_OPTIONS}, got {word!r}")
+            raise InputError("--slurm", _OPTIONS, repr(word))
         # Each task of a job would do the same part again.
         if option.endswith(_TASKS) and value != "1":
-            raise InputError(f"--slurm: expected one task for each job, got {word}")
+            raise InputError("--slurm", "one task for each job", word)
         if option in values:
-            raise InputError(f"--slurm: expected each option once, got {option} again in {word!r}")
+            raise InputError("--slurm", "each option once", f"{option} again in {word!r}")
         values[option] = _value_of(option, value)
     # Submitit's own default is to run here if it finds no SLURM, which nobody asked for.
     cluster = values.pop("cluster", "slurm")
@@ -172,16 +172,16 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
     for program in ("sbatch", "srun"):
         if cluster == "slurm" and which(program) is None:
             raise InputError(
-                f"--slurm: expected SLURM's program {program} on the PATH, got none; "
-                "cluster=local needs none"
+                "--slurm",
+                f"SLURM's program {program} on the PATH",
+                "none",
+                "cluster=local needs none",
             )
     try:
         executor = submitit.AutoExecutor(jobs, cluster=cluster)
         executor.update_parameters(**values)
     except (NameError, TypeError, ValueError, AssertionError) as error:
-        raise InputError(
-            f"--slurm: expected options of Submitit, got {shorten(str(error), 200)}"
-        ) from None
+        raise InputError("--slurm", "options of Submitit", shorten(str(error), 200)) from None
     return executor
 
 

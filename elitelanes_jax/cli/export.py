@@ -78,8 +78,7 @@ def _export(options: argparse.Namespace) -> int:
     # The message of argparse's `choices` has another form, and does not shorten the text.
     if options.to not in (*FORMATS, _TABLE):
         raise InputError(
-            f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got "
-            f"{shorten(repr(options.to))}"
+            "--to", f"one of {', '.join((*FORMATS, _TABLE))}", shorten(repr(options.to))
         )
     # Options are checked before the maps are read, which may be many.
     settings = read_options(options, FormatOptions())
@@ -102,7 +101,7 @@ def _files_of_maps(sources: Sequence[Path]) -> list[Path]:
         # The maps of a dataset are in its records, and not in files of their own.
         if (source / "dataset.json").is_file():
             raise InputError(
-                f"{source}: expected files of maps, got a dataset; elitelanes pack exports its maps"
+                source, "files of maps", "a dataset", "elitelanes pack exports its maps"
             )
         files += map_files(source)
     return files
@@ -166,14 +165,14 @@ def _write_maps(
     # A single file is written under exactly the name that the user gave.
     if only and out.name.lower().endswith(only):
         if len(maps) > 1:
-            raise InputError(f"--out: expected a folder for {len(maps)} maps, got a file, {out}")
+            raise InputError("--out", f"a folder for {len(maps)} maps", f"a file, {out}")
         for file in maps:
             _write_new(out, *contents(file, out.name[: -len(only)]).values())
         return
     # A name such as maps.txt was meant for a file, and would make a folder of this name.
     if ends_as_file(out):
         expected = f"a folder, or a file that ends in {only}" if only else "a folder"
-        raise InputError(f"--out: expected {expected}, got {out}")
+        raise InputError("--out", expected, out)
     # In a folder, each map has a file name of its own.
     names = _names(list(maps))
     with output_folder(out, {"command": "export"}) as work:
@@ -210,7 +209,7 @@ def _names(files: Sequence[Path]) -> dict[Path, str]:
     got = f"two for {stems[second].name}"
     if names[first] != names[second]:
         got += f" on file systems that ignore case; the other is {files[first]}"
-    raise InputError(f"{files[second]}: expected maps of different names, got {got}")
+    raise InputError(files[second], "maps of different names", got)
 
 
 def _stem(file: Path) -> Path:

@@ -126,11 +126,11 @@ def _size_for_floor(options: argparse.Namespace) -> tuple[int, int]:
 
     # argparse stores only options that were given, so this attribute means --size.
     if hasattr(options, "size"):
-        raise InputError("--floor: expected it without --size, got both")
+        raise InputError("--floor", "it without --size", "both")
     try:
         return floor_size(*options.floor)
     except InputError as error:
-        raise InputError(f"--{error}") from None
+        raise error.replace(subject=f"--{error.subject}") from None
 
 
 @contextmanager
@@ -139,10 +139,9 @@ def _naming_floor(options: argparse.Namespace) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        message = str(error)
-        if options.floor is None or not message.startswith("--size: "):
+        if options.floor is None or error.subject != "--size":
             raise
-        raise InputError(f"--floor: {message.removeprefix('--size: ')}") from None
+        raise error.replace(subject="--floor") from None
 
 
 def add_merge(commands: Commands) -> None:

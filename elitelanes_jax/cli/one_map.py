@@ -100,7 +100,7 @@ def _render(options: argparse.Namespace) -> int:
     if options.out is None and (options.map.is_dir() or out == options.map):
         which = "is a folder too" if options.map.is_dir() else "has no suffix to leave out"
         raise InputError(
-            f"--out: expected a folder for the pictures of {options.map}, which {which}, got none"
+            "--out", f"a folder for the pictures of {options.map}, which {which}", "none"
         )
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
@@ -153,8 +153,7 @@ def _plan(options: argparse.Namespace) -> int:
 
     if options.tags and options.tile_size is not None:
         raise InputError(
-            "--tile-size: expected none with --tags, which have one size, got "
-            f"{options.tile_size:g}"
+            "--tile-size", "none with --tags, which have one size", f"{options.tile_size:g}"
         )
     road_map = read_map(options.map)
     warn_of_faults(str(options.map), road_map)
@@ -165,12 +164,8 @@ def _plan(options: argparse.Namespace) -> int:
         with never_replacing(options.out):
             written = write(road_map, options)
     except InputError as error:
-        message = str(error)
-        # Only the start of the message names an argument; a path in it may have the same words.
-        for start, source in (("file: ", "--out: "), ("map: ", f"{options.map}: ")):
-            if message.startswith(start):
-                raise type(error)(source + message.removeprefix(start)) from None
-        raise
+        sources = {"file": "--out", "map": options.map}
+        raise error.replace(subject=sources.get(error.subject, error.subject)) from None
     say(f"{written}, in {options.out}")
     return 0
 

@@ -48,7 +48,7 @@ def _read_plan(text: UserValue) -> _Plan:
     with naming(file):
         floor_shape(codes.shape)
     if not codes.any():
-        raise InputError(f"{file}: expected a map with roads, got none")
+        raise InputError(file, "a map with roads", "none")
     return _Plan(file, codes)
 
 
@@ -185,8 +185,7 @@ def _check_replaceable(out: Path, *, overwrite: bool) -> None:
         return
     if not overwrite:
         raise InputError(
-            f"{out}: expected a folder that is new or empty, got one with files; "
-            "--overwrite replaces it"
+            out, "a folder that is new or empty", "one with files", "--overwrite replaces it"
         )
     check_renamable(out)
 
@@ -195,9 +194,9 @@ def _nothing_cut_error(cut: "CutFloors", first_file: Path) -> InputError:
     """Returns the error for photographs that gave no tile."""
     if not cut.refused:
         # The outlines were found, and no kind in them is sure.
-        return InputError(f"{first_file}: expected tiles of a sure kind, got none")
+        return InputError(first_file, "tiles of a sure kind", "none")
     more = f" (and {len(cut.refused) - 1} more)" if len(cut.refused) > 1 else ""
-    return InputError(cut.refused[0] + more)
+    return InputError("", "", cut.refused[0] + more)
 
 
 def _describe_set(cut: "CutFloors", out: Path) -> list[str]:
@@ -250,11 +249,9 @@ def _read(options: argparse.Namespace) -> int:
     # A single tile is no floor to read, and the default of --size means one.
     if floor.shape == (1, 1):
         if plan is not None:
-            raise InputError(f"{plan.file}: expected a map of 2 tiles or more, got 1")
+            raise InputError(plan.file, "a map of 2 tiles or more", "1")
         got = "none" if options.size is None else "1 1"
-        raise InputError(
-            f"--size: expected the rows and columns of a floor of 2 tiles or more, got {got}"
-        )
+        raise InputError("--size", "the rows and columns of a floor of 2 tiles or more", got)
     for file in (options.out, options.picture):
         if file is not None:
             check_new(file)
@@ -262,7 +259,7 @@ def _read(options: argparse.Namespace) -> int:
     found = find_floor(floor._replace(codes=None), options.camera, load_tiles(options.tiles))
     # A floor that was not found has no codes that mean anything.
     if found.refusal:
-        raise InputError(found.refusal)
+        raise InputError("", "", found.refusal)
     # The photograph may be taken from any side of the floor.
     laid = read_laid(found.proposal, None if plan is None else plan.codes)
     # The map comes first, then unsure tiles, then differences from the plan.
@@ -303,14 +300,15 @@ def _floors(
     if options.corners is None:
         # Without corners there is nothing to take exactly.
         if options.exact:
-            raise InputError("--exact: expected --corners, got none")
+            raise InputError("--exact", "--corners", "none")
         corners = [None] * len(files)
     elif len(options.corners) == len(files):
         corners = [np.array(points, float).reshape(4, 2) for points in options.corners]
     else:
         raise InputError(
-            "--corners: expected the option once for each of "
-            f"{pluralize(len(files), 'photograph')}, got it for {len(options.corners)}"
+            "--corners",
+            f"the option once for each of {pluralize(len(files), 'photograph')}",
+            f"it for {len(options.corners)}",
         )
     floors = []
     for file, size, plan, points in zip(files, sizes, maps, corners, strict=True):
@@ -318,9 +316,7 @@ def _floors(
         if plan is not None:
             if size is not None and shape != plan.codes.shape:
                 rows, columns = plan.codes.shape
-                raise InputError(
-                    f"--size: expected {rows} {columns} like the map, got {size[0]} {size[1]}"
-                )
+                raise InputError("--size", f"{rows} {columns} like the map", f"{size[0]} {size[1]}")
             shape = plan.codes.shape
         codes = None if plan is None else plan.codes
         floors.append(Floor(file, shape, codes, points, options.exact))
@@ -333,7 +329,8 @@ def for_each(option: str, values: Sequence[_T], files: Sequence[Path]) -> Sequen
         return [*values] * len(files)
     if len(values) != len(files):
         raise InputError(
-            f"{option}: expected the option once, or once for each of "
-            f"{pluralize(len(files), 'photograph')}, got it {len(values)} times"
+            option,
+            f"the option once, or once for each of {pluralize(len(files), 'photograph')}",
+            f"it {len(values)} times",
         )
     return values

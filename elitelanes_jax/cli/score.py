@@ -48,7 +48,7 @@ def _score(options: argparse.Namespace) -> int:
     if options.predictions is not None:
         return _score_dataset(options)
     if options.split is not None:
-        raise InputError("--split: expected --predictions too, got none")
+        raise InputError("--split", "--predictions too", "none")
     from elitelanes_jax.benchmark.submissions import Submission, score_and_grade
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
@@ -70,7 +70,7 @@ def _score_dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.dataset.scoring import score_predictions
 
     if len(options.archives) > 1:
-        raise InputError(f"--predictions: expected one dataset, got {len(options.archives)}")
+        raise InputError("--predictions", "one dataset", len(options.archives))
     split = options.split or "test"
     scores = score_predictions(options.archives[0], options.predictions, split=split)
     lines = (f"{name:16}{score:.3f}" for name, score in scores.items())

@@ -37,10 +37,10 @@ def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
     filled = [split for split in (2, 1, 0) if counts[split]]
     if groups.max() + 1 < len(filled):
         raise InputError(
-            f"split: expected a group of maps for each of {len(filled)} splits, "
-            f"got {len(maps)} maps in "
-            f"{pluralize(int(groups.max()) + 1, 'group')}: {_REASON}; "
-            "a split of 1 0 0 trains on all"
+            "split",
+            f"a group of maps for each of {len(filled)} splits",
+            f"{len(maps)} maps in {pluralize(int(groups.max()) + 1, 'group')}: {_REASON}",
+            "a split of 1 0 0 trains on all",
         )
     # Maps are sorted by size and niche, so that evenly spaced ones have all of them.
     niches = [(*road_map.codes.shape, *(road_map.niche or ())) for road_map in maps]

@@ -23,8 +23,7 @@ def _parse_scale(scale: UserValue) -> tuple[float, float]:
     factors = [real(0.25, 4)(factor) for factor in range_ends(scale)]
     if len(factors) not in (1, 2) or factors[0] > factors[-1]:
         raise InputError(
-            "expected a factor, or the smallest and the largest such as 0.5..1.5, "
-            f"got {shorten(repr(scale))}"
+            "", "a factor, or the smallest and the largest such as 0.5..1.5", shorten(repr(scale))
         )
     return factors[0], factors[-1]
 

@@ -119,9 +119,7 @@ def draw_view(
     smallest = min(1.0, transforms.scale[0])
     if transforms.crop > min(size) * smallest:
         shown = f"{width * smallest:g} x {height * smallest:g} pixels at the smallest scale"
-        raise InputError(
-            f"transforms: expected a crop within the map, {shown}, got {transforms.crop}"
-        )
+        raise InputError("transforms", f"a crop within the map, {shown}", transforms.crop)
     # The numbers are drawn first and scaled by the ranges afterwards, see `draw_numbers`.
     numbers = draw_numbers(rng)
     turns, angle = numbers.quarters * transforms.quarter_turns, numbers.turn * transforms.rotation

@@ -59,7 +59,7 @@ class RobotViews:
         """
         assert settings.camera is not None
         if not all(movements_of(road_map.codes).row.size for road_map in maps):
-            raise InputError("maps: expected lanes for the camera, got a map without any")
+            raise InputError("maps", "lanes for the camera", "a map without any")
         self._settings, self._camera = settings, settings.camera
         self._has_objects = settings.objects is not None
         self._room = Room.for_maps(maps, has_objects=self._has_objects)
@@ -132,8 +132,7 @@ class RobotViews:
             most = max(len(road_map.objects or ()) for road_map in maps)
             if most > _MOST_OBJECTS:
                 raise InputError(
-                    f"objects: expected at most {_MOST_OBJECTS:,} in pictures of a map, "
-                    f"got {most:,}"
+                    "objects", f"at most {_MOST_OBJECTS:,} in pictures of a map", f"{most:,}"
                 )
         shown = None
         if settings.objects is not None:

@@ -87,9 +87,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
         # An InputError is a ValueError.
         complete = False
     if not complete or not (folder / PART).is_file() or not (folder / SUMS).is_file():
-        raise InputError(
-            f"{folder}: expected a part of a dataset, made by elitelanes dataset --part, got none"
-        )
+        raise InputError(folder, "a part of a dataset, made by elitelanes dataset --part", "none")
     # The records are checked once here. Pictures are checked while they are copied.
     read_checked(folder, PART, _read_sums(folder))
     return about
@@ -99,9 +97,7 @@ def _read_sums(folder: Path) -> dict[str, str]:
     try:
         return read_sums(folder)
     except UnicodeDecodeError:
-        raise InputError(
-            f"{folder / SUMS}: expected checksums, got a file that is not text"
-        ) from None
+        raise InputError(folder / SUMS, "checksums", "a file that is not text") from None
 
 
 def _copy_pictures(folder: Path, out: Path, layout: Layout) -> None:

@@ -107,7 +107,7 @@ def make_planned(
             if spec.maps_from is not None:
                 raise
             hint = "the maps are kept for the same command with other objects"
-            raise InputError(f"{error}; {hint}") from None
+            raise error.advise(hint) from None
         if spec.part is None:
             about = finish(samples, identity, drawing)
         else:

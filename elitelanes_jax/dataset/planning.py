@@ -113,21 +113,21 @@ def _check_fixed_cells(spec: DatasetSpec) -> None:
         "{} x {}".format(*spec.shapes[0]) if len(spec.shapes) == 1 else f"{len(spec.shapes)} sizes"
     )
     rows, columns = fix.shape
-    raise InputError(f"fix: expected maps of the given cells' size, {rows} x {columns}, got {got}")
+    raise InputError("fix", f"maps of the given cells' size, {rows} x {columns}", got)
 
 
 def _check_given(spec: DatasetSpec, given: GivenMaps, tiles: TileSet) -> None:
     """Checks that the tiles can draw given maps, and that they have lanes for a camera."""
     for road_map, name in zip(given.maps, given.names, strict=True):
         if spec.camera is not None and not movements_of(road_map.codes).row.size:
-            raise InputError(f"maps_from: expected maps with lanes, for a camera, got none, {name}")
+            raise InputError("maps_from", "maps with lanes, for a camera", f"none, {name}")
         # A code without a picture would be an error only while its map is drawn.
         missing = set(road_map.codes.flat) - set(tiles.rotations)
         if missing:
             kinds = [kind for kind, members in KINDS.items() if not missing.isdisjoint(members)]
             got = " and ".join(kinds)
             raise InputError(
-                f"maps_from: expected codes that the tile set has pictures for, got {got}, {name}"
+                "maps_from", "codes that the tile set has pictures for", f"{got}, {name}"
             )
         if spec.format == "parquet":
             _check_columns(road_map, name)
@@ -140,8 +140,9 @@ def _check_columns(road_map: RoadMap, name: str) -> None:
     for number in numbers:
         if isinstance(number, int) and abs(number) > _LARGEST_IN_PARQUET:
             raise InputError(
-                f"maps_from: expected whole numbers to {_LARGEST_IN_PARQUET}, for parquet, "
-                f"got {shorten(repr(number))}, {name}"
+                "maps_from",
+                f"whole numbers to {_LARGEST_IN_PARQUET}, for parquet",
+                f"{shorten(repr(number))}, {name}",
             )
 
 

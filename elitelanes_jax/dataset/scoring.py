@@ -47,7 +47,7 @@ def score_predictions(
     index = SPLITS.index(check_named("split", one_of(*SPLITS), split))
     layout, about = _read_dataset(folder)
     if not about["pictures"][split]:
-        raise InputError(f"split: expected one that has pictures in {folder}, got {split}")
+        raise InputError("split", f"one that has pictures in {folder}", split)
     if predicted.is_dir():
         return _score_labels(folder, predicted, layout, index)
     return _score_boxes(folder, predicted, layout, index)
@@ -58,12 +58,10 @@ def _read_dataset(folder: Path) -> tuple[Layout, dict[str, Plain]]:
         about = read_json(folder / RECORD)
         layout, _ = LAYOUTS[about["settings"]["format"]], about["pictures"]["test"]
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(
-            f"dataset: expected a folder of elitelanes dataset, got {folder}"
-        ) from None
+        raise InputError("dataset", "a folder of elitelanes dataset", folder) from None
     if layout.metadata is None:
         name = about["settings"]["format"]
-        raise InputError(f"dataset: expected the layout imagefolder or coco, got {name}")
+        raise InputError("dataset", "the layout imagefolder or coco", name)
     return layout, about
 
 
@@ -77,8 +75,9 @@ def _score_labels(folder: Path, predictions: Path, layout: Layout, split: int) -
         if predicted.shape != expected.shape or predicted.max() >= len(LABELS):
             got = f"{list(predicted.shape)} with labels to {predicted.max()}"
             raise InputError(
-                f"predictions: expected {list(expected.shape)} with labels 0 to {len(LABELS) - 1}, "
-                f"got {got}, {number:06d}.png"
+                "predictions",
+                f"{list(expected.shape)} with labels 0 to {len(LABELS) - 1}",
+                f"{got}, {number:06d}.png",
             )
         pairs = expected.astype(np.int64) * len(LABELS) + predicted
         counts += np.bincount(pairs.ravel(), minlength=counts.size).reshape(counts.shape)
@@ -97,7 +96,7 @@ def _numbers(folder: Path, layout: Layout, split: int) -> Iterator[int]:
 def _read_labels(file: Path) -> NDArray[np.uint8]:
     labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
     if labels is None or labels.ndim != 2:
-        raise InputError(f"predictions: expected a grey PNG file of labels, got none, {file.name}")
+        raise InputError("predictions", "a grey PNG file of labels", f"none, {file.name}")
     return np.asarray(labels, np.uint8)
 
 
@@ -106,8 +105,9 @@ def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) ->
     file = folder / "annotations" / f"objects_{layout.split_name(split)}.json"
     if not file.is_file():
         raise InputError(
-            f"predictions: expected a folder of labels, or a dataset of the layout coco with "
-            f"objects, got {folder}"
+            "predictions",
+            "a folder of labels, or a dataset of the layout coco with objects",
+            folder,
         )
     import_optional("pycocotools", "predictions: the score of objects needs pycocotools")
     from pycocotools.coco import COCO
@@ -123,8 +123,12 @@ def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) ->
             judge.summarize()
     except (AssertionError, KeyError, IndexError, TypeError):
         raise InputError(
-            f"predictions: expected results in COCO's format, with image_id, category_id, bbox and "
-            f"score, of pictures of the split, got {predictions}"
+            "predictions",
+            (
+                "results in COCO's format, with image_id, category_id, bbox and score, of "
+                "pictures of the split"
+            ),
+            predictions,
         ) from None
     return dict(zip(("AP", "AP50", "AP75"), map(float, judge.stats[:3]), strict=True))
 
@@ -133,6 +137,4 @@ def _read_results(file: Path) -> UserValue:
     try:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise InputError(
-            f"predictions: expected a folder, or a file of COCO's results, got {file}"
-        ) from None
+        raise InputError("predictions", "a folder, or a file of COCO's results", file) from None

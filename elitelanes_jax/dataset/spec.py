@@ -69,8 +69,7 @@ def parse_sides(size: UserValue) -> Sides:
         ranges = [size]
     if not isinstance(ranges, Sequence) or len(ranges) not in (1, 2):
         raise InputError(
-            "expected a range of sides such as 8..14, or two, of rows and columns, "
-            f"got {shorten(repr(size))}"
+            "", "a range of sides such as 8..14, or two, of rows and columns", shorten(repr(size))
         )
     return tuple(_parse_range(each) for each in ranges)
 
@@ -80,7 +79,7 @@ def _parse_range(text: UserValue) -> tuple[int, int]:
     sides = [whole(2, LONGEST_SIDE)(end) for end in range_ends(text)]
     if len(sides) not in (1, 2) or sides[0] > sides[-1]:
         raise InputError(
-            f"expected the smallest and the largest side, such as 8..14, got {shorten(repr(text))}"
+            "", "the smallest and the largest side, such as 8..14", shorten(repr(text))
         )
     return sides[0], sides[-1]
 
@@ -146,9 +145,7 @@ class DatasetSpec(Record):
         shapes = self.shapes
         # Every size has at least one map, so that the sizes are those that the user asked for.
         if self.maps < len(shapes):
-            raise InputError(
-                f"maps: expected one of each size at least, {len(shapes)}, got {self.maps}"
-            )
+            raise InputError("maps", f"one of each size at least, {len(shapes)}", self.maps)
         for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
             if share and not count:
                 few, got = "maps", str(self.maps)
@@ -156,19 +153,13 @@ class DatasetSpec(Record):
                     few = "maps_from"
                     got += self.maps_from.describe_left_out()
                 expected = f"enough for one in the split {name}, {share:g} of them"
-                raise InputError(
-                    f"{few}: expected {expected}, got {got}; a split of 1 0 0 trains on all"
-                )
+                raise InputError(few, expected, got, "a split of 1 0 0 trains on all")
         if self.camera is not None:
             self._check_camera()
         if self.part is not None and self.part[1] > self.maps:
-            raise InputError(
-                f"part: expected at most {self.maps} parts, one for each map, got {self.part[1]}"
-            )
+            raise InputError("part", f"at most {self.maps} parts, one for each map", self.part[1])
         if self.part is not None and self.format in _SHARDS:
-            raise InputError(
-                f"part: expected a format with a file for each picture, got {self.format}"
-            )
+            raise InputError("part", "a format with a file for each picture", self.format)
         # The size of the pictures follows from all options above.
         self._check_pixels()
         # Every crop has to be within the smallest map at the smallest scale.
@@ -176,9 +167,12 @@ class DatasetSpec(Record):
         smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
         if self.transforms.crop > smallest:
             raise InputError(
-                "transforms: expected a crop within the smallest maps, "
-                f"{low} tiles of {self.pixels} pixels at the "
-                f"smallest scale, {smallest:g} pixels, got {self.transforms.crop}"
+                "transforms",
+                (
+                    f"a crop within the smallest maps, {low} tiles of {self.pixels} pixels at the "
+                    f"smallest scale, {smallest:g} pixels"
+                ),
+                self.transforms.crop,
             )
 
     def replace(self, **values: UserValue) -> Self:
@@ -200,8 +194,7 @@ class DatasetSpec(Record):
         if names:
             got = ", ".join(names)
             raise InputError(
-                "maps_from: expected no options of a search, which given maps do not need, "
-                f"got {got}"
+                "maps_from", "no options of a search, which given maps do not need", got
             )
         heights, widths = zip(*given.sizes, strict=True)
         # Squares have one range of sides. Otherwise rows and columns have one each.
@@ -219,9 +212,7 @@ class DatasetSpec(Record):
         asked = getattr(self, name)
         # A class has the defaults of its fields.
         if asked not in (getattr(DatasetSpec, name), value):
-            raise InputError(
-                f"{name}: expected that of the given maps, {tell(value)}, got {tell(asked)}"
-            )
+            raise InputError(name, f"that of the given maps, {tell(value)}", tell(asked))
         # The record is frozen, also for its own checks.
         object.__setattr__(self, name, value)
 
@@ -233,9 +224,9 @@ class DatasetSpec(Record):
             # because the user may not have asked for it.
             if getattr(self.transforms, name) not in (still[name], getattr(STANDARD, name)):
                 raise InputError(
-                    "transforms: expected changes of light and pixels with a camera, "
-                    "which has its own positions, got "
-                    f"{name.replace('_', '-')}"
+                    "transforms",
+                    "changes of light and pixels with a camera, which has its own positions",
+                    name.replace("_", "-"),
                 )
         # With a camera, the transforms keep only light and pixels.
         object.__setattr__(self, "transforms", self.transforms.replace(**still))
@@ -246,16 +237,14 @@ class DatasetSpec(Record):
         # A view may need the whole map in one picture, also with a camera or a crop.
         side = max(map(max, self.shapes)) * self.pixels
         if side > _LONGEST_SIDE:
-            raise InputError(
-                f"{name}: expected maps of at most {_LONGEST_SIDE} pixels a side, got {side}"
-            )
+            raise InputError(name, f"maps of at most {_LONGEST_SIDE} pixels a side", side)
         # A crop is the whole picture. A camera's picture has a size of its own.
         area = self.transforms.crop**2 or max(map(prod, self.shapes)) * self.pixels**2
         if area > _MOST_PIXELS and self.camera is None:
             expected = (
                 f"pictures of at most {_MOST_PIXELS} pixels, because Pillow reads no larger ones"
             )
-            raise InputError(f"{name}: expected {expected}, got {area}")
+            raise InputError(name, expected, area)
 
     @property
     def pixels(self) -> int:

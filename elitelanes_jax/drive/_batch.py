@@ -45,9 +45,7 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
     """
     leaves = jax.tree.leaves(observation)
     if not leaves or not all(map(_has_numbers, leaves)):
-        raise InputError(
-            f"observation: expected arrays of numbers, got {shorten(repr(observation))}"
-        )
+        raise InputError("observation", "arrays of numbers", shorten(repr(observation)))
     arrays = [jnp.asarray(leaf) for leaf in leaves]
     if len(arrays) == 1 and arrays[0].dtype == jnp.uint8:
         return arrays[0]
@@ -81,7 +79,7 @@ def flattened(environment: Environment, *, channels_first: bool = False) -> Envi
     check_named("environment", instance(Environment), environment)
     if environment.actions is None and environment.action_size < 1:
         got = environment.action_size
-        raise InputError(f"environment: expected actions, or action_size of 1 or more, got {got}")
+        raise InputError("environment", "actions, or action_size of 1 or more", got)
     return _flattened(environment, channels_first=channels_first)
 
 
@@ -137,19 +135,18 @@ def check_module(params: Pytree, module: Untyped, name: str, argument: str, need
     for attribute_name in needed.split("."):
         attribute = getattr(attribute, attribute_name, None)
     if attribute is None:
-        raise InputError(f"{argument}: expected the module {name}, got {shorten(repr(module))}")
+        raise InputError(argument, f"the module {name}", shorten(repr(module)))
     if not isinstance(params, Record):
-        raise InputError(
-            f"params: expected RoadNavParams or LaneDriveParams, got {shorten(repr(params))}"
-        )
+        raise InputError("params", "RoadNavParams or LaneDriveParams", shorten(repr(params)))
 
 
 def check_render(render: UserValue) -> None:
     """Checks the function that draws a state, or None."""
     if render is not None and not callable(render):
         raise InputError(
-            "render: expected a function that takes a state and returns a picture, or None, "
-            f"got {shorten(repr(render))}"
+            "render",
+            "a function that takes a state and returns a picture, or None",
+            shorten(repr(render)),
         )
 
 
@@ -178,7 +175,7 @@ def read_options(options: UserValue, *known: str) -> Mapping[str, UserValue]:
     if options is None:
         return {}
     if not isinstance(options, Mapping):
-        raise InputError(f"options: expected a dictionary, got {shorten(repr(options))}")
+        raise InputError("options", "a dictionary", shorten(repr(options)))
     check_names(map(str, options), known)
     return options
 
@@ -261,8 +258,7 @@ class Batch:
         reward, terminated, truncated, _ = result
         if any(leaf.shape != (self._rows,) for leaf in (reward, terminated, truncated)):
             raise InputError(
-                "params: expected numbers for all environments, "
-                "got arrays, which only jax.vmap maps over"
+                "params", "numbers for all environments", "arrays, which only jax.vmap maps over"
             )
         self._result = _Layout.of(result)
         # Without seeds each batch is different, as in Gymnasium.
@@ -290,9 +286,13 @@ class Batch:
             self.environment, self._device_params, self._rows
         ):
             raise InputError(
-                "params: expected maps of the same size, the same camera, and objects only if the "
-                "former levels have them, got other shapes of states or observations; make a "
-                "second environment"
+                "params",
+                (
+                    "maps of the same size, the same camera, and objects only if the former levels "
+                    "have them"
+                ),
+                "other shapes of states or observations",
+                "make a second environment",
             )
         self.params, self._device_params = params, device_params
 
@@ -336,7 +336,7 @@ class Batch:
             return None
         if len(levels) != self.envs:
             expected = f"the index of a level, or {self.envs} of them"
-            raise InputError(f"level: expected {expected}, got {shorten(repr(levels))}")
+            raise InputError("level", expected, shorten(repr(levels)))
         check_index = whole(0, len(self.params.levels.grid) - 1)
         indices = [
             -1 if level is None else check_named("level", check_index, level) for level in levels
@@ -348,14 +348,14 @@ class Batch:
         is_list = hasattr(seeds, "__len__") and getattr(seeds, "ndim", 1) == 1
         if not is_list or len(seeds) != self.envs:
             expected = f"a whole number, or {self.envs} of them"
-            raise InputError(f"seed: expected {expected}, got {shorten(repr(seeds))}")
+            raise InputError("seed", expected, shorten(repr(seeds)))
         indices = []
         numbers = []
         for index, seed in enumerate(seeds):
             if seed is None or not chosen[index]:
                 continue
             if not is_whole(seed) or not 0 <= seed < _SEEDS:
-                raise InputError(f"seed: expected a whole number, 0 to {_SEEDS - 1}, got {seed!r}")
+                raise InputError("seed", f"a whole number, 0 to {_SEEDS - 1}", repr(seed))
             indices.append(index)
             numbers.append(seed)
         # NumPy's view of an array of JAX is read-only, so this is a copy.
@@ -426,7 +426,7 @@ class Batch:
         of_whom = ""
         if self._begun.any():
             of_whom = f" of environments {np.flatnonzero(~self._begun).tolist()}"
-        raise InputError(f"{name}: expected a reset{of_whom} before the first {name}, got none")
+        raise InputError(name, f"a reset{of_whom} before the first {name}", "none")
 
     def _check_actions(self, actions: UserValue) -> np.ndarray:
         """Returns actions as an array of one dtype, so that JAX compiles one program."""
@@ -438,7 +438,7 @@ class Batch:
         if array.shape != shape or array.dtype.kind not in allowed_kinds:
             numbers = "numbers" if choices is None else "whole numbers"
             got = f"{array.dtype} {list(array.shape)}"
-            raise InputError(f"actions: expected {numbers} {list(shape)}, got {got}")
+            raise InputError("actions", f"{numbers} {list(shape)}", got)
         if choices is not None:
             # Clipped here, because a number of more than 32 bits would wrap around.
             array = np.minimum(np.maximum(array, 0).astype(np.uint64), choices - 1)
@@ -454,7 +454,7 @@ def read_actions(actions: UserValue) -> np.ndarray:
         return np.asarray(actions)
     except ValueError:
         # The actions are lists of several lengths.
-        raise InputError(f"actions: expected numbers, got {shorten(repr(actions))}") from None
+        raise InputError("actions", "numbers", shorten(repr(actions))) from None
 
 
 def _action_shape(environment: Environment) -> jax.ShapeDtypeStruct:
@@ -690,8 +690,9 @@ class HasParams:
         # An attribute of this name would change nothing.
         if "_batch" in vars(self) and name in self.params.options():
             raise InputError(
-                f"{name}: expected it in params, as env.params = env.params.replace({name}=...), "
-                "got an attribute"
+                name,
+                f"it in params, as env.params = env.params.replace({name}=...)",
+                "an attribute",
             )
         super().__setattr__(name, value)
 
@@ -699,7 +700,7 @@ class HasParams:
         """Checks a name that `set_attr` got."""
         if name != "params":
             got = shorten(repr(name))
-            raise InputError(f"set_attr: expected params, the only attribute to set, got {got}")
+            raise InputError("set_attr", "params, the only attribute to set", got)
 
 
 class _Memory:

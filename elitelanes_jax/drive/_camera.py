@@ -59,11 +59,10 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     are_squares = are_pictures and images.shape[1] == images.shape[2]
     if not are_squares or labels.shape != images.shape[:3]:
         raise InputError(
-            "images, labels: expected [T, P, P, 3] and [T, P, P], "
-            f"got {images.shape} and {labels.shape}"
+            "images, labels", "[T, P, P, 3] and [T, P, P]", f"{images.shape} and {labels.shape}"
         )
     if images.dtype != np.uint8 or labels.dtype != np.uint8:
-        raise InputError(f"images, labels: expected uint8, got {images.dtype} and {labels.dtype}")
+        raise InputError("images, labels", "uint8", f"{images.dtype} and {labels.dtype}")
     # A colour and its label are four bytes, which `render_view` reads as one word.
     return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
 
@@ -127,7 +126,7 @@ def pack_sight(
     """
     atlas = make_atlas(images, labels)
     if not rotations.get(0):
-        raise InputError(f"rotations: expected a picture of code 0, got codes {sorted(rotations)}")
+        raise InputError("rotations", "a picture of code 0", f"codes {sorted(rotations)}")
     tiles = _list_tiles(rotations, len(atlas))
     camera = Camera() if camera is None else check_named("camera", instance(Camera), camera)
     billboards = None if objects is None else make_billboards(objects)
@@ -144,9 +143,9 @@ def _list_tiles(
         for index, turns in rotations.get(code) or rotations[0]:
             if not _has_tile(index, turns, count):
                 raise InputError(
-                    f"rotations: expected tiles of the {count} pictures, "
-                    "each an index and 0 to 3 quarter turns, "
-                    f"got {index} and {turns} for code {code}"
+                    "rotations",
+                    f"tiles of the {count} pictures, each an index and 0 to 3 quarter turns",
+                    f"{index} and {turns} for code {code}",
                 )
             tiles_of_code.append(4 * index + turns)
         rows.append(tiles_of_code)
@@ -263,10 +262,8 @@ def look(
     pose = check_named("pose", single(Pose), pose)
     codes = jnp.asarray(check_grid(grid))
     if objects is not None and np.ndim(objects.kind) != 1:
-        shape = list(np.shape(objects.kind))
-        raise InputError(
-            f"objects: expected those of one map; jax.vmap takes several; got shape {shape}"
-        )
+        got = f"shape {list(np.shape(objects.kind))}"
+        raise InputError("objects", "those of one map", got, "jax.vmap takes several")
     tiles = None
     if chosen is not None:
         tiles = _chosen_tiles(jnp.asarray(chosen), codes.shape, len(sight.atlas))
@@ -305,8 +302,7 @@ def _chosen_tiles(
     """Returns the tile of an atlas of `count` tiles that each cell shows, from its picture."""
     if chosen.shape != (*shape, 2) or not jnp.issubdtype(chosen.dtype, jnp.integer):
         raise InputError(
-            f"chosen: expected integers of shape {(*shape, 2)}, "
-            f"got {chosen.dtype} of shape {chosen.shape}"
+            "chosen", f"integers of shape {(*shape, 2)}", f"{chosen.dtype} of shape {chosen.shape}"
         )
     # In 8 bits, four times an index may overflow.
     chosen = chosen.astype(jnp.int32)
@@ -318,8 +314,9 @@ def _chosen_tiles(
             first = is_missing.argmax()
             index, turns = indices[first], quarters[first]
             raise InputError(
-                f"chosen: expected tiles of the {count} pictures, "
-                f"each an index and 0 to 3 quarter turns, got {index} and {turns}"
+                "chosen",
+                f"tiles of the {count} pictures, each an index and 0 to 3 quarter turns",
+                f"{index} and {turns}",
             )
     return 4 * chosen[..., 0] + chosen[..., 1]
 

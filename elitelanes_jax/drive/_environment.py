@@ -159,7 +159,7 @@ def auto_replay(environment: Environment) -> Environment:
     def reset(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, ReplayState]:
         if not hasattr(params, "levels"):
             got = shorten(repr(params))
-            raise InputError(f"params: expected options with levels, got {got}")
+            raise InputError("params", "options with levels", got)
         return reset_to_level(key, draw_level(key, params.levels), params)
 
     def reset_to_level(

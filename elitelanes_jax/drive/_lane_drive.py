@@ -168,9 +168,9 @@ def _step(
     """
     action = jnp.asarray(action)
     if action.shape != (2,):
-        raise InputError(f"action: expected two numbers, shape (2,), got shape {action.shape}")
+        raise InputError("action", "two numbers, shape (2,)", f"shape {action.shape}")
     if jnp.iscomplexobj(action):
-        raise InputError(f"action: expected real numbers, got {action.dtype}")
+        raise InputError("action", "real numbers", action.dtype)
     # The rewards and the metrics use the same results many times.
     moved, events = once(lambda: _move(key, state, action, params))
     is_on_road = ~events.off_road

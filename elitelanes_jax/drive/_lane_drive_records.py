@@ -24,7 +24,7 @@ def _check_sight(value: UserValue) -> Sight | None:
     if value is None or isinstance(value, Sight):
         copy: Sight | None = jax.tree.map(frozen_copy, value)
         return copy
-    raise InputError(f"expected a result of make_sight, or None, got {type(value).__name__}")
+    raise InputError("", "a result of make_sight, or None", type(value).__name__)
 
 
 @pytree
@@ -86,12 +86,10 @@ class LaneDriveParams(Record):
         """
         if is_real(self.start_d) and self.start_d > self.lane_offset:
             raise InputError(
-                f"start_d: expected at most lane_offset, {self.lane_offset:g}, got {self.start_d:g}"
+                "start_d", f"at most lane_offset, {self.lane_offset:g}", f"{self.start_d:g}"
             )
         if self.observe == "camera" and self.sight is None:
-            raise InputError(
-                "sight: expected a result of make_sight, to observe the camera, got None"
-            )
+            raise InputError("sight", "a result of make_sight, to observe the camera", "None")
 
     @property
     def max_steps_in_episode(self) -> Numeric:

@@ -83,7 +83,7 @@ def _check_distance(name: str, tiles: UserValue) -> Int[ArrayLike, ""]:
     """Returns a distance in tiles, a whole number or an integer array, that fits 32 bits."""
     distance = clip_to_int32(tiles)
     if not jnp.issubdtype(jnp.result_type(distance), jnp.integer):
-        raise InputError(f"{name}: expected a whole number, got {shorten(repr(tiles))}")
+        raise InputError(name, "a whole number", shorten(repr(tiles)))
     return distance
 
 
@@ -187,14 +187,12 @@ def check_maps(name: str, sources: UserValue) -> list[RoadMap]:
     """
     road_maps = check_named(name, as_maps, sources)
     if not road_maps:
-        raise InputError(f"{name}: expected one or more of one size, got none")
+        raise InputError(name, "one or more of one size", "none")
     if len({road_map.codes.shape for road_map in road_maps}) > 1:
-        raise InputError(f"{name}: expected one or more of one size, got several sizes")
+        raise InputError(name, "one or more of one size", "several sizes")
     for index, road_map in enumerate(road_maps):
         if not movements_of(road_map.codes).row.size:
-            raise InputError(
-                f"{name}[{index}]: expected a map with a lane, got one without any movement"
-            )
+            raise InputError(f"{name}[{index}]", "a map with a lane", "one without any movement")
     return road_maps
 
 
@@ -210,7 +208,7 @@ def check_batch(levels: UserValue) -> Level:
     """
     batch = _check_axes(levels, 3, "a batch of levels (see make_levels)")
     if not batch.grid.shape[0]:
-        raise InputError("expected one or more levels, got none")
+        raise InputError("", "one or more levels", "none")
     copy: Level = jax.tree.map(frozen_copy, batch)
     return copy
 
@@ -235,4 +233,4 @@ def _check_axes(level: UserValue, axes: int, expected: str) -> Level:
         got = "an array"
     else:
         got = type(level).__name__
-    raise InputError(f"expected {expected}, got {got}")
+    raise InputError("", expected, got)

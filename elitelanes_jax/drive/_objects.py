@@ -134,11 +134,9 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     """
     for name, pictures in views.items():
         if name not in OBJECT_KINDS:
-            raise InputError(f"objects: expected kinds of {', '.join(OBJECT_KINDS)}, got {name!r}")
+            raise InputError("objects", f"kinds of {', '.join(OBJECT_KINDS)}", repr(name))
         if not isinstance(pictures, Mapping):
-            raise InputError(
-                f"objects: expected views of {name} by degrees, got {shorten(repr(pictures))}"
-            )
+            raise InputError("objects", f"views of {name} by degrees", shorten(repr(pictures)))
     return pack_billboards([views.get(kind, {}) for kind in OBJECT_KINDS])
 
 
@@ -175,8 +173,7 @@ def pack_billboards(
     if ends[-1] * stride > 2**_INDEX:
         most = int(len(objects) * 2**_INDEX / (ends[-1] * stride))
         raise InputError(
-            f"objects: expected at most {most} different objects, counting each AprilTag, "
-            f"got {len(objects)}"
+            "objects", f"at most {most} different objects, counting each AprilTag", len(objects)
         )
     pixels = np.zeros((ends[-1], stride, 4), np.uint8)
     for picture, end in zip(packed, ends, strict=True):
@@ -199,9 +196,7 @@ def _check_picture(picture: AnyArray) -> UInt8[np.ndarray, "rows columns 4"]:
     picture = np.asarray(picture)
     has_pixels = picture.ndim == 3 and picture.shape[2] == 4 and picture.size > 0
     if not has_pixels or picture.dtype != np.uint8:
-        raise InputError(
-            f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}"
-        )
+        raise InputError("objects", "uint8 [rows, columns, 4]", f"{picture.dtype} {picture.shape}")
     return picture
 
 

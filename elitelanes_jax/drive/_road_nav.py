@@ -33,7 +33,7 @@ from elitelanes_jax.network.sharding import divide_batches
 def _check_window(value: UserValue) -> int:
     size = whole(0, 63)(value)
     if size and size % 2 == 0:
-        raise InputError(f"expected an odd number of tiles, or 0 for none, got {size}")
+        raise InputError("", "an odd number of tiles, or 0 for none", size)
     return size
 
 
@@ -70,8 +70,10 @@ class RoadNavParams(Record):
         """
         if self.goal == "mark" and not self.window and not self.whole_map:
             raise InputError(
-                "window: expected 1 or more, because the goal is marked in the window, "
-                "got 0; goal='none' hides it"
+                "window",
+                "1 or more, because the goal is marked in the window",
+                "0",
+                "goal='none' hides it",
             )
 
     @property
@@ -187,9 +189,9 @@ def _step(
     """
     action = jnp.asarray(action)
     if action.shape != ():
-        raise InputError(f"action: expected one whole number, got shape {action.shape}")
+        raise InputError("action", "one whole number", f"shape {action.shape}")
     if not jnp.issubdtype(action.dtype, jnp.integer):
-        raise InputError(f"action: expected one whole number, got {action.dtype}")
+        raise InputError("action", "one whole number", action.dtype)
     grid, goal = state.grid, state.goal
     code = grid[state.node.row, state.node.column].astype(jnp.int32)
     # The flat index of the table has the code, the heading and the action.

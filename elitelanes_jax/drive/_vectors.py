@@ -116,8 +116,7 @@ def gymnasium_vector_env(
             if mode == DISABLED and over.any():
                 ended = np.flatnonzero(over).tolist()
                 raise InputError(
-                    f"step: expected a reset of environments {ended}, whose episodes have ended, "
-                    "got none"
+                    "step", f"a reset of environments {ended}, whose episodes have ended", "none"
                 )
             done = self._batch.step(actions)
             self._over, self.next_observations = done.terminated | done.truncated, done.reached
@@ -144,8 +143,7 @@ def gymnasium_vector_env(
             each = values if isinstance(values, list | tuple) else [values]
             if not each or any(value is not each[0] for value in each):
                 raise InputError(
-                    "set_attr: expected one params, which all environments share, "
-                    f"got {len(each)} of them"
+                    "set_attr", "one params, which all environments share", f"{len(each)} of them"
                 )
             self.params = each[0]
 
@@ -155,7 +153,7 @@ def gymnasium_vector_env(
 def _list_seeds(first: UserValue, envs: int) -> range:
     """Returns the seeds of environments: the first one, and the whole numbers after it."""
     if not is_whole(first):
-        raise InputError(f"seed: expected a whole number, got {shorten(repr(first))}")
+        raise InputError("seed", "a whole number", shorten(repr(first)))
     # The end may be too large for a small number of NumPy.
     start = int(first)
     return range(start, start + envs)
@@ -178,7 +176,7 @@ def _check_mask(mask: UserValue, envs: int) -> NDArray[np.bool_]:
         or mask.shape != (envs,)
         or not mask.any()
     ):
-        raise InputError(f"reset_mask: expected bool [{envs}] with a True, got {mask!r}")
+        raise InputError("reset_mask", f"bool [{envs}] with a True", repr(mask))
     return mask
 
 
@@ -306,9 +304,7 @@ def sb3_vec_env(
             self.check_settable(attr_name)
             chosen = set(self._get_indices(indices))
             if chosen != set(range(batch.envs)):
-                raise InputError(
-                    f"indices: expected all environments, which share params, got {sorted(chosen)}"
-                )
+                raise InputError("indices", "all environments, which share params", sorted(chosen))
             self.params = value
 
         def env_method(
@@ -320,8 +316,7 @@ def sb3_vec_env(
         ) -> list[UserValue]:
             if method_name != "render":
                 raise InputError(
-                    "method_name: expected render, the only method of one environment, "
-                    f"got {method_name}"
+                    "method_name", "render, the only method of one environment", method_name
                 )
             images = self.get_images()
             return [images[index] for index in self._get_indices(indices)]
@@ -434,7 +429,9 @@ def _check_workers(pufferlib: Untyped) -> None:
     while frame is not None:
         if isinstance(frame.f_locals.get("self"), backend):
             raise InputError(
-                "Multiprocessing: expected workers that are spawned, got the start method fork, "
-                "with which JAX does not run; call multiprocessing.set_start_method('spawn')"
+                "Multiprocessing",
+                "workers that are spawned",
+                "the start method fork, with which JAX does not run",
+                "call multiprocessing.set_start_method('spawn')",
             )
         frame = frame.f_back

@@ -142,15 +142,13 @@ def _check_arguments(
     for name, colour in (("ground", camera.ground), ("sky", camera.sky)):
         # An array of three numbers would be taken for a value for each of three pictures.
         if not isinstance(colour, tuple | list):
-            raise InputError(
-                f"{name}: expected a tuple of red, green and blue, got {shorten(repr(colour))}"
-            )
+            raise InputError(name, "a tuple of red, green and blue", shorten(repr(colour)))
     for record in (camera, variation):
         for path, number in jax.tree_util.tree_leaves_with_path(record):
             if np.shape(number) not in ((), (batch,)):
                 name = jax.tree_util.keystr(path).lstrip(".")
                 raise InputError(
-                    f"{name}: expected a number or an array [{batch}], got shape {np.shape(number)}"
+                    name, f"a number or an array [{batch}]", f"shape {np.shape(number)}"
                 )
 
 

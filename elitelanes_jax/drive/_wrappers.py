@@ -130,7 +130,7 @@ class GymnaxEnv:
           InputError: for options out of their range, or another module or number of values.
         """
         if not is_whole(values) or values not in (5, 6):
-            raise InputError(f"values: expected 5 or 6, got {values!r}")
+            raise InputError("values", "5 or 6", repr(values))
         self._environment = flattened(environment)
         self._resetting = flattened(auto_reset(environment))
         self._spaces = _makers(params, spaces)
@@ -145,9 +145,7 @@ class GymnaxEnv:
         if "default_params" in vars(self):
             options |= self.default_params.options().keys()
         if name in options:
-            raise InputError(
-                f"{name}: expected it in the argument params of reset and step, got an attribute"
-            )
+            raise InputError(name, "it in the argument params of reset and step", "an attribute")
         super().__setattr__(name, value)
 
     @runs_jax

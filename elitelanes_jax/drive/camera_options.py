@@ -18,7 +18,7 @@ _check_distortion = real(-10, 10)
 def _colour(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 3:
         raise InputError(
-            f"expected three numbers, 0 to 255, for red, green and blue, got {shorten(repr(value))}"
+            "", "three numbers, 0 to 255, for red, green and blue", shorten(repr(value))
         )
     return tuple(map(number_or_array(_check_colour), value))
 
@@ -26,7 +26,7 @@ def _colour(value: UserValue) -> tuple[Numeric, ...]:
 def _pair(value: UserValue) -> tuple[Numeric, ...]:
     pair = value.split(",") if isinstance(value, str) else value
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        raise InputError(f"expected two numbers, k1 and k2, got {shorten(repr(value))}")
+        raise InputError("", "two numbers, k1 and k2", shorten(repr(value)))
     return tuple(map(number_or_array(_check_distortion), pair))
 
 
@@ -174,5 +174,5 @@ def parse_camera(value: UserValue) -> LaneCamera:
     camera = parse_words("camera", LaneCamera(), value, "setting", "'rows=120'", names=_WORDS)
     for name, setting in camera.values().items():
         if hasattr(setting, "dtype"):
-            raise InputError(f"{name}: expected a number, got {shorten(repr(setting))}")
+            raise InputError(name, "a number", shorten(repr(setting)))
     return camera

@@ -11,7 +11,7 @@ a Python number, which compiled programs contain. A tile set may have its own
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -79,7 +79,10 @@ one if none is open.
 """
 
 
-def single(kind: type) -> Check:
+R = TypeVar("R", bound=tuple[UserValue, ...])
+
+
+def single(kind: type[R]) -> Check[R]:
     """Makes a check for one `Pose`, `LaneNode` or `Movement`, whose fields are numbers.
 
     The fields of a `Pose` are real numbers, all others are whole numbers. The check returns a
@@ -90,16 +93,15 @@ def single(kind: type) -> Check:
     is_number = is_real if is_pose else is_whole
     words = "numbers" if is_pose else "whole numbers"
 
-    def check(value: UserValue) -> UserValue:
+    def check(value: UserValue) -> R:
         fields = instance(kind)(value)
         if any(map(np.ndim, fields)):
-            raise InputError(
-                f"expected one {kind.__name__}; jax.vmap takes several; got {shorten(repr(value))}"
-            )
+            hint = "jax.vmap takes several"
+            raise InputError("", f"one {kind.__name__}", shorten(repr(value)), hint)
         for field in fields:
             is_array = hasattr(field, "dtype") and field.dtype.kind in kinds_of_arrays
             if not is_array and not is_number(field):
-                raise InputError(f"expected {kind.__name__} of {words}, got {shorten(repr(value))}")
+                raise InputError("", f"{kind.__name__} of {words}", shorten(repr(value)))
         return kind(*map(_to_float if is_pose else clip_to_int32, fields))
 
     return check

@@ -157,7 +157,7 @@ def make_rides(
     check_seconds = real(0, _LONGEST, unit="seconds, a number", exclusive=True)
     seconds = check_named("seconds", check_seconds, seconds)
     if not callable(policy) and policy not in POLICIES:
-        raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
+        raise InputError("policy", f"one of {', '.join(POLICIES)}", repr(policy))
     check_named("seed", SEED, seed)
     level_key, ride_key = split(seed_key(seed))
     furthest = int(max(_PACE * seconds, 1))
@@ -264,16 +264,13 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
     except (Exception, SystemExit) as error:
         # The error names the line of the driver's file that failed.
         file = getattr(getattr(policy, "__code__", None), "co_filename", "")
-        raise InputError(f"policy: expected an action, got {_describe(error, file)}") from error
+        raise InputError("policy", "an action", _describe(error, file)) from error
     if action.shape != (2,):
         raise InputError(
-            "policy: expected two numbers, for both wheels or for speed and turn, "
-            f"got shape {action.shape}"
+            "policy", "two numbers, for both wheels or for speed and turn", f"shape {action.shape}"
         )
     if not np.isfinite(action).all():
-        raise InputError(
-            f"policy: expected two finite numbers, got {action[0]:g} and {action[1]:g}"
-        )
+        raise InputError("policy", "two finite numbers", f"{action[0]:g} and {action[1]:g}")
     return action
 
 
@@ -290,14 +287,10 @@ def load_policy(file: Path) -> Policy:
     except (Exception, SystemExit) as error:
         # Only an error of opening the file itself says that the file is not readable.
         if isinstance(error, OSError) and Path(str(error.filename)).resolve() == file.resolve():
-            raise InputError(
-                f"{file}: expected a readable file, got: {error.strerror or error}"
-            ) from None
-        raise InputError(
-            f"{file}: expected a program that runs, got {_describe(error, str(file))}"
-        ) from error
+            raise InputError(file, "a readable file", error.strerror or error) from None
+        raise InputError(file, "a program that runs", _describe(error, str(file))) from error
     if not callable(act):
-        raise InputError(f"{file}: expected a function act(observation), got none")
+        raise InputError(file, "a function act(observation)", "none")
     return act
 
 
@@ -340,7 +333,7 @@ def _map_of(rides: Rides, source: UserValue) -> RoadMap:
     driven_codes = np.asarray(rides.levels.grid)
     map_codes = linked_codes(road_map.codes)
     if driven_codes.shape[1:] != map_codes.shape or (driven_codes != map_codes).any():
-        raise InputError("rides: expected rides on the map, got rides on another one")
+        raise InputError("rides", "rides on the map", "rides on another one")
     return road_map
 
 

@@ -96,7 +96,7 @@ def make_scenes(
     _check_objects(objects)
     tile_px = check_tile_px(tile_px)
     if not road_maps:
-        raise InputError("maps: expected one or more, got none")
+        raise InputError("maps", "one or more", "none")
     for index, road_map in enumerate(road_maps):
         _check_map(f"maps[{index}]", road_map, tiles)
     pictures = None
@@ -118,13 +118,11 @@ def _check_objects(objects: UserValue) -> None:
 def _check_map(name: str, road_map: RoadMap, tiles: TileSet) -> None:
     codes = np.asarray(road_map.codes)
     if not movements_of(codes).row.size:
-        raise InputError(f"{name}: expected a map with a lane, got one without any movement")
+        raise InputError(name, "a map with a lane", "one without any movement")
     for code in np.unique(codes).tolist():
         if code not in tiles.rotations:
             drawn = ", ".join(map(str, tiles.rotations))
-            raise InputError(
-                f"{name}: expected codes that the set {tiles.name!r} can draw ({drawn}), got {code}"
-            )
+            raise InputError(name, f"codes that the set {tiles.name!r} can draw ({drawn})", code)
 
 
 class PackedObjects:

@@ -57,7 +57,7 @@ def collect(
         return _collect_files(check_named("what", paths, sources), tiles, tile_px)
     # A list has no names, by which the page tells several results apart.
     if any(map(_is_result, sources)):
-        raise InputError("what: expected one Result, or several by name, got a list of them")
+        raise InputError("what", "one Result, or several by name", "a list of them")
     return make_payload(
         of_maps(check_named("what", as_maps, sources), ""), _load_tiles(tiles), tile_px, ""
     )
@@ -71,15 +71,15 @@ def _list_sources(what: UserValue) -> Mapping[str, UserValue] | list[UserValue]:
         sources = {"result": what}
     elif isinstance(what, RoadMap | str | Path):
         sources = [what]
-    expected = "what: expected a Result, maps, or paths of runs and maps"
+    expected = "a Result, maps, or paths of runs and maps"
     # An array without axes has the method of an iterable, and raises an error there.
     if not isinstance(sources, Iterable) or getattr(sources, "ndim", 1) == 0:
-        raise InputError(f"{expected}, got {type(what).__name__}")
+        raise InputError("what", expected, type(what).__name__)
     # The sources may be a generator, and they are read more than once.
     if not isinstance(sources, Mapping):
         sources = list(sources)
     if not sources:
-        raise InputError(f"{expected}, got nothing")
+        raise InputError("what", expected, "nothing")
     return sources
 
 
@@ -88,14 +88,14 @@ def _collect_named(sources: Mapping[str, UserValue]) -> list[ShownRun]:
     runs: list[ShownRun] = []
     for name, source in sources.items():
         if not isinstance(name, str):
-            raise InputError(f"what: expected texts as names, got {shorten(repr(name))}")
+            raise InputError("what", "texts as names", shorten(repr(name)))
         if _is_result(source):
             runs.append(from_result(source, name))
             continue
         maps = check_named(f"what: {name}", as_maps, source)
         # A page needs at least one grid for each name.
         if not maps:
-            raise InputError(f"what: {name}: expected a Result or maps, got nothing")
+            raise InputError(f"what: {name}", "a Result or maps", "nothing")
         runs += of_maps(maps, name)
     return _with_distinct_names(runs)
 
@@ -170,8 +170,8 @@ def _run_folders(folder: Path) -> list[Path]:
     folders = sorted(file.parent for file in folder.glob("*/run.json"))
     if folders:
         return folders
-    expected = f"{folder}: expected a folder that generate or pick wrote, or one of such folders"
-    raise InputError(f"{expected}, got one without run.json")
+    expected = "a folder that generate or pick wrote, or one of such folders"
+    raise InputError(folder, expected, "one without run.json")
 
 
 def _find_tiles(folder: Path, run: ShownRun) -> Path | None:

@@ -76,7 +76,7 @@ def from_result(result: "Result", name: str) -> ShownRun:
     # The mask has shape [S, N]. It is False in vacant niches.
     valid = np.asarray(elites.valid)
     if not valid.any():
-        raise InputError(f"{name}: expected a result with at least one elite, got none")
+        raise InputError(name, "a result with at least one elite", "none")
     search = result.search
     alphabet = search.settings.alphabet
     # Stubs and empty cells are counted by metrics of their own, and not by off_alphabet.
@@ -242,10 +242,10 @@ def read_run(folder: Path) -> ShownRun:
         runs = by_size(chosen_maps)
         if len(runs) > 1:
             expected = "maps of one size, as a run writes them"
-            raise InputError(f"{folder}: expected {expected}, got several")
+            raise InputError(folder, expected, "several")
         run = runs[0]._replace(name=name)
     else:
-        raise InputError(f"{folder}: expected an archive.npz or maps beside run.json, got neither")
+        raise InputError(folder, "an archive.npz or maps beside run.json", "neither")
     # The record may have entries that the page does not know.
     shown_record = {key: record[key] for key in _RECORDED if key in record}
     run = run._replace(record=shown_record)
@@ -253,9 +253,7 @@ def read_run(folder: Path) -> ShownRun:
     # Another size means that the files are not all of one run.
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
-        raise InputError(
-            f"{folder}: expected maps of {shorten(json.dumps(size))}, as run.json says, got {got}"
-        )
+        raise InputError(folder, f"maps of {shorten(json.dumps(size))}, as run.json says", got)
     return run
 
 
@@ -273,17 +271,13 @@ def _read_record(file: Path) -> dict[str, Plain]:
         hint = ""
         # An interrupted search leaves its unfinished work next to the folder.
         if has_unfinished(file.parent):
-            hint = "; its search is unfinished, the same generate command resumes it"
-        raise InputError(
-            f"{file.parent}: expected a folder with run.json, got one without{hint}"
-        ) from None
+            hint = "its search is unfinished, the same generate command resumes it"
+        raise InputError(file.parent, "a folder with run.json", "one without", hint) from None
     except (ValueError, RecursionError) as error:
-        # Some messages begin with the file, which this one names already.
-        words = str(error).removeprefix(f"{file}: ")
-        raise InputError(f"{file}: expected the JSON of a run, got: {shorten(words)}") from None
+        raise InputError(file, "the JSON of a run", shorten(str(error))) from None
     # All records of this package have the versions.
     if not isinstance(record, dict) or "versions" not in record:
-        raise InputError(f"{file}: expected the record of a run of this package, got other JSON")
+        raise InputError(file, "the record of a run of this package", "other JSON")
     return record
 
 
@@ -298,7 +292,7 @@ def _with_chosen(run: ShownRun, chosen: Sequence[tuple[str, RoadMap]]) -> ShownR
             expected = "{} x {}".format(*run.grids.shape[1:])
             got = "{} x {}".format(*road_map.codes.shape)
             raise InputError(
-                f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}"
+                f"{run.name}/maps/{name}", f"a map of {expected}, as the archive's", got
             )
         elite = index_of.get(road_map.codes.tobytes())
         # Maps that are no elites of the archive have no place among its niches.

@@ -107,11 +107,11 @@ def _check_out(out: Path, force: bool) -> None:
         check_new(out)
         return
     if out.is_dir():
-        raise InputError(f"{out}: expected a file for the page, got a folder")
+        raise InputError(out, "a file for the page", "a folder")
     with out.open("rb") as stream:
         # The mark tells an earlier page from any other file of the user.
         ours = stream.read(len(_MARK)) == _MARK.encode()
     # Another file of the user is never replaced, even with `force`.
     if not ours or not force:
-        hint = "; force=True replaces it" if ours else ""
-        raise InputError(f"{out}: expected a new file, got an existing one{hint}")
+        hint = "force=True replaces it" if ours else ""
+        raise InputError(out, "a new file", "an existing one", hint)

@@ -106,7 +106,7 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
     """
     named = dict(enumerate(values)) if isinstance(values, list) else values
     if not isinstance(named, dict):
-        raise InputError(f"objects: expected a list or a table of objects, got {brief(values)}")
+        raise InputError("objects", "a list or a table of objects", brief(values))
     objects = []
     for name, value in named.items():
         objects.append(
@@ -117,7 +117,7 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
 
 def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     if not isinstance(value, dict) or not isinstance(value.get("kind"), str):
-        raise InputError(f'expected {{"kind": ...}}, got {brief(value)}')
+        raise InputError("", '{"kind": ...}', brief(value))
     name = str(value["kind"])
     if name in _KIND_OF_MAP_NAME or name in OBJECT_KINDS:
         kind = _KIND_OF_MAP_NAME.get(name, name)
@@ -127,7 +127,7 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     usual = OBJECT_KINDS[base_kind(kind)].height
     if usual and "scale" in value and "height" not in value:
         # The scale is that of a mesh of gym-duckietown, whose size is not in the file.
-        raise InputError("scale: expected a height in metres instead, got a scale")
+        raise InputError("scale", "a height in metres instead", "a scale")
     height = real_of(value, "height", usual) if usual else 0.0
     # This is the inverse of `_written_pose`.
     if kind == "trafficlight":
@@ -156,7 +156,7 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
         slot = whole_of(attach, "slot")
         if slot not in range(len(_SLOTS)):
             got = shorten(str(slot), 40)
-            raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {got}")
+            raise InputError("slot", f"a whole number, 0 to {len(_SLOTS) - 1}", got)
         east, north = _SLOTS[slot]
         if "pose" in value:
             rotate = _angle(table_of(value["pose"], "~SE2Transform"))
@@ -173,7 +173,7 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
         column, row = tile_column + 0.5, tile_row + 0.5
         east, north, rotate = _transform(place.get("relative"))
     else:
-        raise InputError("expected a pose, pos, place or attach, got none")
+        raise InputError("", "a pose, pos, place or attach", "none")
     return column + east / tile_size, rows - row - north / tile_size, rotate
 
 
@@ -197,7 +197,7 @@ def _pair(
     """Returns two numbers under a name. A third one, a height, is ignored."""
     listed = values.get(name, default)
     if not isinstance(listed, list | tuple) or len(listed) not in (2, 3):
-        raise InputError(f"{name}: expected two numbers, got {brief(listed, 40)}")
+        raise InputError(name, "two numbers", brief(listed, 40))
     return real_of({name: listed[0]}, name), real_of({name: listed[1]}, name)
 
 

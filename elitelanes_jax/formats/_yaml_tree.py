@@ -14,11 +14,9 @@ from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.types import Plain
 
 _DEEPEST = 64
-_TOO_DEEP = f"expected YAML nested up to {_DEEPEST} levels deep, got more"
 # The most values of a document: a map of 1024 x 1024 tiles has 2**20 values, and 260,000 are left
 # for other things. They take 3 s.
 _MOST_VALUES = 5 * 2**18
-_TOO_MANY = f"expected YAML of at most {_MOST_VALUES:,} values, got more"
 # The merge key of YAML 1.1. A table takes the entries of the tables under it, except for keys that
 # the table has itself.
 _MERGE = "<<"
@@ -41,7 +39,7 @@ def yaml_tree(text: str) -> Plain:
         text, or a merge key without tables.
     """
     if len(_DIRECTIVE.findall(text)) >= _MOST_DIRECTIVES:
-        raise InputError(f"expected readable YAML, got {_MOST_DIRECTIVES} directives and more")
+        raise InputError("", "readable YAML", f"{_MOST_DIRECTIVES} directives and more")
     try:
         return _build(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
     except InputError:
@@ -51,10 +49,8 @@ def yaml_tree(text: str) -> Plain:
         # From PyYAML 6.0.4 on, libyaml itself counts levels. It reads ahead, so its error may come
         # first.
         if "maximum nesting depth" in str(error):
-            raise InputError(_TOO_DEEP) from None
-        raise InputError(
-            f"expected readable YAML, got: {shorten(' '.join(str(error).split()), 200)}"
-        ) from None
+            raise _too_deep() from None
+        raise InputError("", "readable YAML", shorten(" ".join(str(error).split()), 200)) from None
 
 
 def _build(events: Iterable[yaml.Event]) -> Plain:
@@ -76,7 +72,7 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
             case yaml.AliasEvent():
                 if event.anchor not in anchors:
                     raise InputError(
-                        f"expected readable YAML, got an alias of nothing, *{shorten(event.anchor)}"
+                        "", "readable YAML", f"an alias of nothing, *{shorten(event.anchor)}"
                     )
                 value = anchors[event.anchor]
             case yaml.MappingEndEvent():
@@ -90,7 +86,7 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 # count before they are copied, because one merge key can have very many tables.
                 values += sum(map(len, merged))
                 if values > _MOST_VALUES:
-                    raise InputError(_TOO_MANY)
+                    raise _too_many()
                 _merge(table, merged)
                 continue
             case yaml.SequenceEndEvent():
@@ -100,10 +96,10 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 continue
         # A value that belongs to no list or table is a document.
         if documents and len(opened) == 1:
-            raise InputError("expected readable YAML of one document, got several")
+            raise InputError("", "readable YAML of one document", "several")
         values += 1
         if values > _MOST_VALUES:
-            raise InputError(_TOO_MANY)
+            raise _too_many()
         opened[-1][1].append(value)
         # An anchor is noted before its list or table is filled. A value may therefore contain
         # itself.
@@ -114,7 +110,7 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
             # entries later.
             opened.append((value, value if isinstance(value, list) else []))
             if len(opened) > _DEEPEST + 1:
-                raise InputError(_TOO_DEEP)
+                raise _too_deep()
     return documents[0] if documents else None
 
 
@@ -123,10 +119,10 @@ def _fill(table: dict[str, Plain], items: list[Plain]) -> None:
     for key, value in zip(items[::2], items[1::2], strict=True):
         if not isinstance(key, str):
             raise InputError(
-                f"expected readable YAML, its keys texts, got a {type(key).__name__} for a key"
+                "", "readable YAML, its keys texts", f"a {type(key).__name__} for a key"
             )
         if key in table:
-            raise InputError(f"YAML: expected each key once, got {shorten(key, 40)} twice")
+            raise InputError("YAML", "each key once", f"{shorten(key, 40)} twice")
         table[key] = value
 
 
@@ -156,7 +152,16 @@ def _tables_of(value: Plain, unfilled: list[Plain]) -> list[Mapping[str, Plain]]
     for table in tables:
         if not isinstance(table, dict) or any(table is outer for outer in unfilled):
             raise InputError(
-                f"expected readable YAML, for the key {_MERGE} a table or a list of tables, "
-                f"got {brief(value, 40)}"
+                "",
+                f"readable YAML, for the key {_MERGE} a table or a list of tables",
+                brief(value, 40),
             )
     return tables
+
+
+def _too_deep() -> InputError:
+    return InputError("", f"YAML nested up to {_DEEPEST} levels deep", "more")
+
+
+def _too_many() -> InputError:
+    return InputError("", f"YAML of at most {_MOST_VALUES:,} values", "more")

@@ -18,7 +18,7 @@ def table_of(value: Plain, name: str) -> dict[str, Plain]:
     """
     inner = value.get(name) if isinstance(value, dict) else None
     if not isinstance(inner, dict):
-        raise InputError(f"{name}: expected a table, got {brief(inner, 40)}")
+        raise InputError(name, "a table", brief(inner, 40))
     return inner
 
 
@@ -36,12 +36,12 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
             number = float(value)
             if isfinite(number):
                 return number
-    raise InputError(f"{name}: expected a number, got {brief(value, 40)}")
+    raise InputError(name, "a number", brief(value, 40))
 
 
 def whole_of(values: Mapping[str, Plain], name: str) -> int:
     """Returns the whole number under a name; raises as `real_of` does."""
     number = real_of(values, name)
     if not number.is_integer():
-        raise InputError(f"{name}: expected a whole number, got {number:g}")
+        raise InputError(name, "a whole number", f"{number:g}")
     return int(number)

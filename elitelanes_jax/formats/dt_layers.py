@@ -171,7 +171,7 @@ def _read_objects(
         for name, values in layers[layer].items():
             label = f"{folder / layer}.yaml: {name}"
             if name not in frames:
-                raise InputError(f"{label}: expected a frame of this name in frames.yaml, got none")
+                raise InputError(label, "a frame of this name in frames.yaml", "none")
             pose = frames.pose(name)
             # The position of a map object is relative to the north-west corner, with y to the
             # south.
@@ -202,18 +202,18 @@ def _read_layer(folder: Path, name: str) -> dict[str, _Table]:
             layer = {}
     if not isinstance(layer, dict):
         expected = f"a table of tables under {name!r}"
-        raise InputError(f"{file}: expected {expected}, got {brief(layer, 40)}")
+        raise InputError(file, expected, brief(layer, 40))
     tables: dict[str, _Table] = {}
     for key, value in layer.items():
         if len(key) > _LONGEST_NAME:
             expected = f"names of at most {_LONGEST_NAME:,} characters"
-            raise InputError(f"{file}: expected {expected}, got {shorten(key, 40)}")
+            raise InputError(file, expected, shorten(key, 40))
         if isinstance(value, str) and value in _NOTHING:
             tables[key] = {}
         elif isinstance(value, dict):
             tables[key] = value
         else:
-            raise InputError(f"{file}: {key}: expected a table, got {brief(value, 40)}")
+            raise InputError(f"{file}: {key}", "a table", brief(value, 40))
     return tables
 
 
@@ -221,13 +221,13 @@ def _tile_map(folder: Path, layers: Mapping[str, Mapping[str, _Table]]) -> tuple
     """Returns the name of the map, and the side of its tiles in metres."""
     file = folder / "tile_maps.yaml"
     if not layers["tiles"]:
-        raise InputError(f"{folder / 'tiles.yaml'}: expected tiles, got none")
+        raise InputError(folder / "tiles.yaml", "tiles", "none")
     names = list(layers["tile_maps"])
     # Without a layer of tile maps, the names of the tiles begin with the name of the map.
     if not names:
         names = sorted({name.partition("/")[0] for name in layers["tiles"]})
     if len(names) != 1:
-        raise InputError(f"{file}: expected one map, got {len(names)}")
+        raise InputError(file, "one map", len(names))
     map_name = names[0]
     values = layers["tile_maps"].get(map_name, {})
     if "tile_size" not in values:
@@ -241,7 +241,7 @@ def _tile_map(folder: Path, layers: Mapping[str, Mapping[str, _Table]]) -> tuple
     check_named(f"{file}: {map_name}", check_tile_size, metres)
     if check_named(label, real_of, sides, "y", metres) != metres:
         got = f"x {metres:g} and y {brief(sides['y'], 40)}"
-        raise InputError(f"{label}: expected squares, got {got}")
+        raise InputError(label, "squares", got)
     return map_name, metres
 
 
@@ -303,12 +303,10 @@ class _Frames:
                 return pose, parent
             if not isinstance(parent, str) or parent not in self._frames:
                 got = brief(parent, 40)
-                raise InputError(f"{label}: relative_to: expected the name of a frame, got {got}")
+                raise InputError(f"{label}: relative_to", "the name of a frame", got)
             frame = parent
         expected = f"frames that lead to {self._root} in at most {_MOST_STEPS} steps"
-        raise InputError(
-            f"{self._file}: {name}: relative_to: expected {expected}, got a longer way or a circle"
-        )
+        raise InputError(f"{self._file}: {name}: relative_to", expected, "a longer way or a circle")
 
     def _above(self, name: str) -> str | None:
         """Returns the frame or the map that a name continues.
@@ -330,7 +328,7 @@ def _relative_pose(frame: _Table, size: float) -> _Pose:
     elif unit in _NOTHING or unit in _METRES:
         scale = 1.0
     else:
-        raise InputError(f"unit: expected metres or tiles, got {brief(unit, 40)}")
+        raise InputError("unit", "metres or tiles", brief(unit, 40))
     pose = table_of(frame, "pose")
     yaw = real_of(pose, "yaw", 0.0)
     if _is_in_degrees(yaw):
@@ -370,16 +368,16 @@ def _read_tile(
         return _Tile(cell, 0, 0)
     if not isinstance(kind, str) or kind not in ROADS:
         kinds = ", ".join([*ROADS, *GROUNDS])
-        raise InputError(f"type: expected one of {kinds}, got {brief(kind, 40)}")
+        raise InputError("type", f"one of {kinds}", brief(kind, 40))
     # A 4-way tile looks the same in all rotations, so it needs no yaw.
     if kind == "4way":
         return _Tile(cell, 15, 15)
     if pose is None:
         expected = f"a frame of this name in frames.yaml for the yaw of a {kind}"
-        raise InputError(f"expected {expected}, got none")
+        raise InputError("", expected, "none")
     turns = round(pose.yaw / (pi / 2))
     if abs(pose.yaw - turns * pi / 2) > _NEAR:
-        raise InputError(f"expected a yaw at a right angle, got {kind!r} with yaw {pose.yaw:g}")
+        raise InputError("", "a yaw at a right angle", f"{kind!r} with yaw {pose.yaw:g}")
     if clockwise:
         turns = -turns
     # Which way the map uses is known only after all its tiles were read.
@@ -398,8 +396,7 @@ def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
     indices = _CELL_IN_NAME.search(name)
     if indices is None:
         raise InputError(
-            "expected i and j, a frame of this name in frames.yaml, or a name such as tile_0_1, "
-            "got none"
+            "", "i and j, a frame of this name in frames.yaml, or a name such as tile_0_1", "none"
         )
     return int(indices[1]), int(indices[2])
 
@@ -416,9 +413,7 @@ def _index(position: float, size: float) -> int:
         is_middle = abs(tiles - index - 0.5) <= _NEAR
         if is_corner or is_middle:
             return index
-    raise InputError(
-        f"expected the middle or the corner of a cell of {size:g} m, got {position:g} m"
-    )
+    raise InputError("", f"the middle or the corner of a cell of {size:g} m", f"{position:g} m")
 
 
 class _Readings(NamedTuple):
@@ -445,7 +440,7 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
     if min(east, north) < 0 or max(height, width) > 1024:
         expected = "sides of 1 to 1024 tiles, from i = 0 and j = 0 on"
         got = shorten(f"{width} x {height}")
-        raise InputError(f"expected {expected}, got {got}")
+        raise InputError("", expected, got)
     # Cells without a tile stay empty.
     name_by_cell: dict[Cell, str] = {}
     readings = _Readings(np.zeros((height, width), np.int8), np.zeros((height, width), np.int8))
@@ -453,7 +448,7 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
         first_name = name_by_cell.setdefault(tile.cell, name)
         if first_name != name:
             got = f"{first_name} in the same one"
-            raise InputError(f"{name}: expected one tile in each cell, got {got}")
+            raise InputError(name, "one tile in each cell", got)
         column, row = tile.cell
         readings.library[north - row, column - west] = tile.library_code
         readings.matrix[north - row, column - west] = tile.matrix_code
@@ -499,7 +494,7 @@ def _kind_of(layer: str, values: _Table) -> str:
         return _KIND_OF_LAYER[layer]
     text = values.get("type")
     if not isinstance(text, str) or text in _NOTHING:
-        raise InputError(f"type: expected a kind of object, got {brief(text, 40)}")
+        raise InputError("type", "a kind of object", brief(text, 40))
     if layer == "traffic_signs":
         # Maps have several forms of one name: "stop", "sign_stop" and "T-intersection".
         kind = _KIND_OF_SIGN.get(text.lower().replace("-", "_").removeprefix("sign_"), text)

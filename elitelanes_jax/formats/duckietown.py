@@ -75,9 +75,7 @@ def check_tile_size(tile_size: UserValue, least: float = 0.01, most: float = 100
     """Raises an `InputError` unless the side of a tile is a number of metres in a range."""
     if not is_real(tile_size) or not least <= tile_size <= most:
         got = shorten(repr(tile_size))
-        raise InputError(
-            f"tile_size: expected metres, a number from {least:g} to {most:g}, got {got}"
-        )
+        raise InputError("tile_size", f"metres, a number from {least:g} to {most:g}", got)
 
 
 def to_duckietown(
@@ -135,9 +133,9 @@ def check_roads(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
     if dead_ends:
         places = [describe_cell(row, column) for row, column in dead_ends]
         cells = list_some(places, 8)
-        expected = "grid: expected tiles with two or more connections, as in Duckietown"
+        expected = "tiles with two or more connections, as in Duckietown"
         hint = "dead_ends='grass' or without_dead_ends removes these roads"
-        raise InputError(f"{expected}, got dead ends at {cells}; {hint}")
+        raise InputError("grid", expected, f"dead ends at {cells}", hint)
     return grid
 
 
@@ -175,10 +173,9 @@ def _read_tiles(values: Plain) -> Int8[np.ndarray, "H W"]:
     if isinstance(values, dict):
         rows = values.get("tiles")
     if rows is None:
-        expected = 'expected a Duckietown map, {"tiles": [[...], ...]}'
-        raise InputError(f'{expected}, got no "tiles"')
+        raise InputError("", 'a Duckietown map, {"tiles": [[...], ...]}', 'no "tiles"')
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise InputError(f"tiles: expected rows of kinds of tiles, got {brief(rows)}")
+        raise InputError("tiles", "rows of kinds of tiles", brief(rows))
     # With aliases a short text may have very many rows, so the sides are checked before the tiles.
     check_sides(rows)
     codes = []
@@ -194,8 +191,8 @@ def _code_of(tile: Plain, row: int, column: int) -> int:
         kind = "/".join(parts)
     if kind not in _CODE:
         kinds = ", ".join([*_ROADS, *GROUNDS])
-        expected = f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W"
-        raise InputError(f"{expected}, got {brief(tile)} at {describe_cell(row, column)}")
+        expected = f"one of {kinds}, alone or with /N, /E, /S or /W"
+        raise InputError("tiles", expected, f"{brief(tile)} at {describe_cell(row, column)}")
     return _CODE[kind]
 
 

@@ -56,8 +56,7 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
     # Readers split the lines of tasks at spaces of any kind, and know no quotes.
     if check_named("name", text_name, name).split() != [name]:
         raise InputError(
-            "name: expected a name without spaces, as in MovingAI's tasks, "
-            f"got {shorten(repr(name))}"
+            "name", "a name without spaces, as in MovingAI's tasks", shorten(repr(name))
         )
     road = _road_cells(codes, cells)
     if not road.any():
@@ -86,9 +85,7 @@ def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
     cells = check_named("cells", whole(5, 256), cells)
     links = linked_codes(known_grid(codes))
     if links.size * cells**2 > _MOST_CELLS:
-        raise InputError(
-            f"cells: expected at most {_MOST_CELLS:,} in all, got {links.size * cells**2:,}"
-        )
+        raise InputError("cells", f"at most {_MOST_CELLS:,} in all", f"{links.size * cells**2:,}")
     centres = (np.arange(cells) + 0.5) / cells
     # Tiles of one code look the same, so each code is computed once and then looked up.
     tiles = on_road(np.arange(16)[:, None, None], centres, centres[:, None])

@@ -146,9 +146,7 @@ def _file_name(value: UserValue) -> str:
     """
     name = xml_name(value)
     if "\\" in name:
-        raise InputError(
-            f"expected a name without \\, as in MuJoCo's models, got {shorten(repr(name))}"
-        )
+        raise InputError("", "a name without \\, as in MuJoCo's models", shorten(repr(name)))
     return name
 
 

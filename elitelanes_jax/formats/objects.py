@@ -169,10 +169,8 @@ def check_kind(kind: UserValue) -> str:
         # "other:".
         hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
         if not hint and isinstance(kind, str) and _OTHER_KIND.fullmatch(OTHER + kind):
-            hint = f"; is it {OTHER}{kind}?"
-        raise InputError(
-            f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}"
-        )
+            hint = f"is it {OTHER}{kind}?"
+        raise InputError("kind", f"one of {', '.join(OBJECT_KINDS)}", shorten(repr(kind), 40), hint)
     return kind
 
 
@@ -194,9 +192,9 @@ def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject
         message names the object's index and field.
     """
     if not isinstance(values, list | tuple) or isinstance(values, MapObject):
-        raise InputError(f"objects: expected a list of objects, got {shorten(repr(values))}")
+        raise InputError("objects", "a list of objects", shorten(repr(values)))
     if len(values) > MOST_OBJECTS:
-        raise InputError(f"objects: expected at most {MOST_OBJECTS:,}, got {len(values):,}")
+        raise InputError("objects", f"at most {MOST_OBJECTS:,}", f"{len(values):,}")
     return tuple(
         check_named(f"objects: object {index}", check_object, value, height, width)
         for index, value in enumerate(values)
@@ -223,14 +221,12 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     """
     values = value._asdict() if isinstance(value, MapObject) else value
     if not isinstance(values, Mapping) or "kind" not in values:
-        raise InputError(
-            f'expected {{"kind": ..., "x": ..., "y": ...}}, got {shorten(repr(value))}'
-        )
+        raise InputError("", '{"kind": ..., "x": ..., "y": ...}', shorten(repr(value)))
     fields = MapObject._fields
     for name in values:
         if name not in fields:
-            got = f"{shorten(repr(name))}{suggest(name, fields)}"
-            raise InputError(f"expected the fields {', '.join(fields)}, got {got}")
+            expected = f"the fields {', '.join(fields)}"
+            raise InputError("", expected, shorten(repr(name)), suggest(name, fields))
     kind = check_kind(values["kind"])
     usual = OBJECT_KINDS[base_kind(kind)].height
     # Tags on the floor have no height, so only 0 fits.
@@ -242,11 +238,9 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     tag, static = values.get("tag"), values.get("static", True)
     if tag is not None and not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
         got = shorten(repr(tag), 40)
-        raise InputError(
-            f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {got}"
-        )
+        raise InputError("tag", f"a number of the family 36h11, 0 to {LARGEST_TAG}", got)
     if not is_flag(static):
-        raise InputError(f"static: expected true or false, got {shorten(repr(static), 40)}")
+        raise InputError("static", "true or false", shorten(repr(static), 40))
     if tag is not None:
         tag = int(tag)
     return MapObject(kind, x, y, angle, object_height, tag, bool(static))
@@ -256,7 +250,5 @@ def _number(
     name: str, value: UserValue, least: float, most: float, unit: str, *, slack: float = 0.0
 ) -> float:
     if not is_real(value) or not least - slack <= value <= most + slack:
-        raise InputError(
-            f"{name}: expected {unit} from {least:g} to {most:g}, got {shorten(repr(value), 40)}"
-        )
+        raise InputError(name, f"{unit} from {least:g} to {most:g}", shorten(repr(value), 40))
     return float(value)

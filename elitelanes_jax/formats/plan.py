@@ -111,9 +111,7 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
     has_roads = codes.any()
     if max(height, width) > LONGEST_PLAN or not has_roads:
         got = f"{height} x {width}" if has_roads else "none"
-        raise InputError(
-            f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}"
-        )
+        raise InputError("map", f"roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles", got)
     _check_ends(codes)
     placed = []
     for row, column in np.argwhere(codes).tolist():
@@ -143,7 +141,6 @@ def _check_ends(codes: NDArray[np.int8]) -> None:
     if ends:
         row, column = ends[0]
         expected = (
-            "map: expected tiles with two or more connections that their neighbours return, "
-            "as Duckietown has"
+            "tiles with two or more connections that their neighbours return, as Duckietown has"
         )
-        raise InputError(f"{expected}, got a dead end at {describe_cell(row, column)}")
+        raise InputError("map", expected, f"a dead end at {describe_cell(row, column)}")

@@ -63,9 +63,7 @@ def plan_kind(file: Path) -> str:
     """Returns the kind of a plan's file, .pdf, .svg or .png; raises `InputError` for another."""
     kind = file.suffix.lower()
     if kind not in (".pdf", ".svg", ".png"):
-        raise InputError(
-            f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}"
-        )
+        raise InputError("file", "a name that ends in .pdf, .svg or .png", shorten(repr(str(file))))
     return kind
 
 

@@ -97,7 +97,7 @@ class RoadMap:
         for name, (fits, expected) in _FIELDS.items():
             value = _plain(getattr(self, name))
             if value is not None and not fits(value):
-                raise InputError(f"{name}: expected {expected}, got {shorten(_shown(value))}")
+                raise InputError(name, expected, shorten(_shown(value)))
             fields[name] = value
         if fields["seed"]:
             fields["seed"] = tuple(fields["seed"])
@@ -106,7 +106,7 @@ class RoadMap:
             if not _has_shape(drawn.tiles, codes.shape) or not _has_shape(
                 drawn.quarter_turns, codes.shape
             ):
-                raise InputError(f"drawn: expected tables of {height} x {width}, like the codes")
+                raise InputError("drawn", f"tables of {height} x {width}, like the codes", "others")
             fields["drawn"] = drawn
         if self.objects is not None:
             fields["objects"] = check_objects(self.objects, height, width)
@@ -252,7 +252,7 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
     if isinstance(sources, RoadMap):
         return [sources]
     if not _may_be_maps(sources):
-        raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
+        raise InputError("", "maps, grids or files of maps", shorten(repr(sources)))
     # Rows alone are one grid. They would otherwise be read as a list of maps.
     if _dimensions(sources) == 2:
         return [RoadMap(sources)]
@@ -277,10 +277,10 @@ def as_map(source: UserValue) -> RoadMap:
         return read_map(source)
     if not _may_be_maps(source):
         got = shorten(repr(source))
-        raise InputError(f"map: expected a map, a grid or a file of one, got {got}")
+        raise InputError("map", "a map, a grid or a file of one", got)
     maps = as_maps(source)
     if len(maps) != 1:
-        raise InputError(f"map: expected one map, got {len(maps)}")
+        raise InputError("map", "one map", len(maps))
     return maps[0]
 
 
@@ -343,7 +343,7 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
     suffix = check_named("file", path, file).suffix.lower()
     if suffix == ".npz":
         got = "an archive of a search; pick chooses maps from it"
-        raise InputError(f"{file}: expected a file of maps, got {got}")
+        raise InputError(file, "a file of maps", got)
     if is_folder(Path(file)):
         return check_named(str(file), parse, _values_of_folder(Path(file)))
     is_yaml = suffix in (".yaml", ".yml")
@@ -353,17 +353,17 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
             return parse(_values_of_yaml(text))
         return parse(_values_of_json(text, suffix))
     except InputError as error:
-        raise InputError(f"{file}: {error}") from None
+        raise error.within(file) from None
     # Python's JSON reader recurses into nested lists.
     except RecursionError:
-        raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
+        raise InputError(file, "a map", "JSON nested too deeply") from None
 
 
 def _values_of_folder(folder: Path) -> Plain:
     """Reads the codes and objects of a folder of Duckietown's layers."""
     if not is_layers(folder):
         expected = "a file of a map, or a folder with tiles.yaml"
-        raise InputError(f"{folder}: expected {expected}, got a folder without{_map_in(folder)}")
+        raise InputError(folder, expected, f"a folder without{_map_in(folder)}")
     codes, objects = read_layers(folder)
     return {"codes": codes, "objects": objects}
 
@@ -392,9 +392,9 @@ def _values_of_json(text: str, suffix: str) -> Plain:
     except ValueError as error:
         if suffix not in ("", ".json") and not text.lstrip().startswith(("{", "[")):
             expected = "a map, JSON or Duckietown's .yaml"
-            raise InputError(f"expected {expected}, got {suffix} without JSON") from None
+            raise InputError("", expected, f"{suffix} without JSON") from None
         # The error is that of JSON, or of a number with more digits than Python converts.
-        raise InputError(f"expected a readable JSON file, got: {error}") from None
+        raise InputError("", "a readable JSON file", error) from None
 
 
 def _one_map_of(values: Plain) -> list[RoadMap]:
@@ -415,14 +415,14 @@ def _map_of(values: Plain) -> RoadMap:
             got = 'rows alone; write {"codes": ...} around them'
         elif isinstance(values, list):
             got = "a list; name a file with one map"
-        raise InputError(f'expected a map, {{"codes": [[...], ...]}}, got {got}')
+        raise InputError("", 'a map, {"codes": [[...], ...]}', got)
     if values.get("format", _FORMAT) != _FORMAT:
-        raise InputError(f"format: expected {_FORMAT!r}, got {shorten(repr(values['format']))}")
+        raise InputError("format", repr(_FORMAT), shorten(repr(values["format"])))
     codes = _grid(values["codes"])
     shape = values.get("shape", list(codes.shape))
     if shape != list(codes.shape):
         expected = f"{list(codes.shape)}, like the codes"
-        raise InputError(f"shape: expected {expected}, got {shorten(json.dumps(shape))}")
+        raise InputError("shape", expected, shorten(json.dumps(shape)))
     fields = {name: value for name, value in values.items() if name in _FIELDS or name == "objects"}
     return RoadMap(codes, **fields)
 
@@ -467,7 +467,7 @@ def _grid(rows: Plain) -> NDArray[np.int8]:
                 if not is_whole(code) or not 0 <= code <= 15:
                     got = shorten(json.dumps(code))
                     raise InputError(
-                        f"grid: expected tile codes 0 to 15, got {got} at {describe_cell(y, x)}"
+                        "grid", "tile codes 0 to 15", f"{got} at {describe_cell(y, x)}"
                     )
     return np.array(known_grid(rows))
 

@@ -112,7 +112,7 @@ def index_scenarios(folder: str | Path, files: Iterable[str | Path]) -> dict[str
     folder = check_named("folder", path, folder)
     for file in check_named("files", paths, files):
         if file.name in summary:
-            raise InputError(f"files: expected files of different names, got two for {file.name}")
+            raise InputError("files", "files of different names", f"two for {file.name}")
         summary[file.name] = _read_metadata(file)
         # The index names the folder of each file relative to its own, "" for the same folder.
         place = os.path.relpath(file.parent, folder)
@@ -272,4 +272,4 @@ def _read_metadata(file: Path) -> dict[str, Plain]:
         return metadata | {"ts": metadata["ts"].tolist()}
     except Exception:
         # A file that is no pickle raises errors of many kinds.
-        raise InputError(f"{file}: expected a scenario of to_scenarionet") from None
+        raise InputError(file, "a scenario of to_scenarionet", "another file") from None

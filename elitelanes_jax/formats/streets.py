@@ -55,12 +55,12 @@ class Streets(Record):
             # If the tile has its default size, the user changed the lane.
             if self.tile_size == Streets.tile_size:
                 raise InputError(
-                    f"lane: expected less than half of a tile, {self.tile_size / 2:g} m, "
-                    f"got {self.lane:g} m"
+                    "lane",
+                    f"less than half of a tile, {self.tile_size / 2:g} m",
+                    f"{self.lane:g} m",
                 )
             raise InputError(
-                f"tile_size: expected more than two lanes, {2 * self.lane:g} m, "
-                f"got {self.tile_size:g} m"
+                "tile_size", f"more than two lanes, {2 * self.lane:g} m", f"{self.tile_size:g} m"
             )
 
 

@@ -157,7 +157,7 @@ def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]])
             is_cell = is_whole(row) and is_whole(column) and row >= 0 and column >= 0
             place = describe_cell(row, column) if is_cell else f"[{row!r}, {column!r}]"
             raise InputError(
-                f"trips: expected starts and goals on roads, got {place} with the heading {heading!r}"
+                "trips", "starts and goals on roads", f"{place} with the heading {heading!r}"
             )
         return edges[step]
 
@@ -174,7 +174,7 @@ def _file_name(value: UserValue) -> str:
     for part in _REFUSED:
         if part in name:
             raise InputError(
-                f"expected a name without {part}, as in SUMO's settings, got {shorten(repr(name))}"
+                "", f"a name without {part}, as in SUMO's settings", shorten(repr(name))
             )
     quoted = "".join(_QUOTED.get(character, character) for character in name)
     # SUMO removes spaces at the start of a name, so the first one is written as its code.

@@ -118,8 +118,7 @@ def _file_name(value: UserValue) -> str:
     name = xml_name(value)
     if _MEANING.search(name):
         raise InputError(
-            "expected a name without @ < > [ ] \\ and line breaks, as in USD, "
-            f"got {shorten(repr(name))}"
+            "", "a name without @ < > [ ] \\ and line breaks, as in USD", shorten(repr(name))
         )
     return name
 

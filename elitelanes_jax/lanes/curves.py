@@ -52,9 +52,7 @@ def is_lane_offset(value: UserValue) -> bool:
 def check_lane_offset(value: UserValue) -> float:
     """Checks a distance from the road's middle to the centre of a lane, in tiles."""
     if not is_lane_offset(value):
-        raise InputError(
-            f"expected tiles, a number over 0 and under 0.5, got {shorten(repr(value))}"
-        )
+        raise InputError("", "tiles, a number over 0 and under 0.5", shorten(repr(value)))
     return float(value)
 
 

@@ -230,9 +230,9 @@ def lane_graph(codes: Codes, *, turn_back: bool = False) -> LaneGraph:
 
 def no_road_error() -> InputError:
     """Makes the error for a map without links."""
-    return InputError("grid: expected a road, two tiles that connect to each other, got none")
+    return InputError("grid", "a road, two tiles that connect to each other", "none")
 
 
 def no_lane_error() -> InputError:
     """Makes the error for a map without movements."""
-    return InputError("grid: expected a lane, a tile that connects to two others, got none")
+    return InputError("grid", "a lane, a tile that connects to two others", "none")

@@ -60,7 +60,7 @@ def _few_groups_error(splits: int, groups: int, niches: int) -> InputError:
         limit = f"less than {100 * ALIKE:g} %"
         got += f", in {pluralize(groups, 'group')} with maps that differ in {limit}"
     hint = "a split of 1 0 0 trains on all"
-    return InputError(f"split: expected a niche for each of {splits} splits, got {got}; {hint}")
+    return InputError("split", f"a niche for each of {splits} splits", got, hint)
 
 
 def _assign_groups(

@@ -93,7 +93,7 @@ def without_ends(road_map: RoadMap, dead_ends: str | None = None) -> RoadMap:
     if road_map.codes.any() and not codes.any():
         tiles = np.count_nonzero(road_map.codes)
         raise InputError(
-            f"grid: expected a road that forms a loop, got {tiles} tiles, all on roads to dead ends"
+            "grid", "a road that forms a loop", f"{tiles} tiles, all on roads to dead ends"
         )
     return replace(road_map, codes=codes)
 
@@ -332,8 +332,8 @@ class FormatOptions(Record):
             able = [to for to, known in FORMATS.items() if setting in known.takes]
             # It is enough if one of the formats takes the setting.
             if not set(able) & set(names):
-                expected = f"expected it with {', '.join(able)} alone"
-                raise InputError(f"{setting}: {expected}, got it with {', '.join(names) or 'none'}")
+                got = f"it with {', '.join(names) or 'none'}"
+                raise InputError(setting, f"it with {', '.join(able)} alone", got)
 
 
 @name_wrong_arguments

@@ -79,7 +79,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
         return sources
     paths, source_maps = _read_sources(sources)
     if not source_maps:
-        raise InputError("expected at least one map, got none")
+        raise InputError("", "at least one map", "none")
     # `setdefault` keeps the first map of each form.
     distinct: dict[bytes, _SourceMap] = {}
     forms = road_forms([source_map.road_map.codes for source_map in source_maps])
@@ -167,9 +167,9 @@ def map_files(source: Path) -> list[Path]:
         for entry in sorted(source.iterdir()):
             if entry.is_dir() and _may_have_maps(entry):
                 folders.append(str(entry))
-        hint = f"; name {list_some(folders, 3)}" if folders else ""
+        hint = f"name {list_some(folders, 3)}" if folders else ""
         expected = "a folder with map.json or other files of maps in it"
-        raise InputError(f"{source}: expected {expected}, got one without{hint}")
+        raise InputError(source, expected, "one without", hint)
     if not (source / "run.json").exists():
         _announce_unread(source, files)
     return files
@@ -210,9 +210,7 @@ def _read_dataset(folder: Path) -> list[_SourceMap]:
     Further views of a map repeat its codes, and are left out.
     """
     if (folder / "part.jsonl").exists():
-        raise InputError(
-            f"{folder}: expected a whole dataset, got a part; elitelanes merge joins the parts"
-        )
+        raise InputError(folder, "a whole dataset", "a part", "elitelanes merge joins the parts")
     # Splits and shards divide the samples over files, so they are put back in order.
     by_number: dict[int, _SourceMap] = {}
     for file in sorted(folder.rglob("*.jsonl")):
@@ -222,7 +220,7 @@ def _read_dataset(folder: Path) -> list[_SourceMap]:
                 number, road_map = _read_sample(line)
                 by_number[number] = _SourceMap(str(file), road_map)
         except (ValueError, RecursionError) as error:
-            raise InputError(f"{file}: expected the metadata of a dataset, got: {error}") from None
+            raise InputError(file, "the metadata of a dataset", error) from None
     # The shape is part of the key, because grids of different shapes may have the same bytes.
     by_codes: dict[tuple[tuple[int, ...], bytes], _SourceMap] = {}
     for number in sorted(by_number):
@@ -238,7 +236,7 @@ def _read_sample(line: str) -> tuple[int, RoadMap]:
     """
     sample = parse_json(line)
     if not isinstance(sample, dict) or not is_whole(sample.get("number")):
-        raise InputError(f"expected a sample with a number, got {shorten(line)}")
+        raise InputError("", "a sample with a number", shorten(line))
     values: dict[str, Plain] = {
         name: sample.get(name) for name in ("codes", "metrics", "fitness", "niche")
     }

@@ -125,7 +125,7 @@ def pack(
                 except InputError as error:
                     # The same map would fail again, so there is nothing to resume.
                     list_of_ids.unlink()
-                    raise InputError(f"niche {town.niche}, {map_name}: {error}") from None
+                    raise error.within(f"niche {town.niche}, {map_name}") from None
                 written.append(road_map)
                 bar.count()
         record["splits"] = _write_splits(spec, towns, work.files)

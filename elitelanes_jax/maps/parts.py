@@ -20,7 +20,7 @@ from elitelanes_jax.search.joining import join_parts_of_run
 from elitelanes_jax.search.resolve import has_other_alphabet, spec_from_plain
 from elitelanes_jax.search.result import Result
 
-_EXPECTED = "expected a part of a run, made by elitelanes generate --part"
+_EXPECTED = "a part of a run, made by elitelanes generate --part"
 
 
 @name_wrong_arguments
@@ -114,26 +114,21 @@ def order_parts(
     count = parts[0][1]
     for folder, (index, of), identity in zip(folders, parts, identities, strict=True):
         if of != count:
-            raise InputError(
-                f"{folder}: expected one of {count} parts, as {folders[0]} is, got one of {of}"
-            )
+            raise InputError(folder, f"one of {count} parts, as {folders[0]} is", f"one of {of}")
         difference = first_difference(expected, identity)
         if difference is not None:
             name = difference.name
             value, got = shorten(repr(difference.value)), shorten(repr(difference.other))
-            raise InputError(
-                f"{folder}: expected a part of a {whole} with {name} {value}, got {got}"
-            )
+            raise InputError(folder, f"a part of a {whole} with {name} {value}", got)
         # Two parts may have the same index, if a folder is a copy of another one.
         if index in by_index:
             raise InputError(
-                f"{folder}: expected each part once, "
-                f"got {index}/{count} again, after {by_index[index]}"
+                folder, "each part once", f"{index}/{count} again, after {by_index[index]}"
             )
         by_index[index] = folder
     missing = [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]
     if missing:
-        raise InputError(f"parts: expected all {count} parts, got all but {list_some(missing, 5)}")
+        raise InputError("parts", f"all {count} parts", f"all but {list_some(missing, 5)}")
     return [by_index[index] for index in range(1, count + 1)]
 
 
@@ -142,8 +137,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     # A part that was interrupted has only a hidden folder.
     if not exists and has_unfinished(folder):
         raise InputError(
-            f"{folder}: expected a complete part, got unfinished work; "
-            "the same command completes it"
+            folder, "a complete part", "unfinished work", "the same command completes it"
         )
     try:
         record = read_json(folder / RECORD)
@@ -160,9 +154,9 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         complete = False
     if not complete:
-        raise InputError(f"{folder}: {_EXPECTED}, got {'another folder' if exists else 'none'}")
+        raise InputError(folder, _EXPECTED, "another folder" if exists else "none")
     if part is None:
-        raise InputError(f"{folder}: {_EXPECTED}, got a whole run")
+        raise InputError(folder, _EXPECTED, "a whole run")
     return record
 
 
@@ -170,7 +164,7 @@ def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
     try:
         return GenerateSpec(**settings | {"search": spec_from_plain(settings["search"])})
     except (InputError, TypeError, KeyError) as error:
-        raise InputError(f"{folder / RECORD}: expected settings of a run, got: {error}") from None
+        raise InputError(folder / RECORD, "settings of a run", error) from None
 
 
 def _read_archive(folder: Path, run: PlannedRun, part: tuple[int, int], archive: Plain) -> Result:
@@ -180,18 +174,15 @@ def _read_archive(folder: Path, run: PlannedRun, part: tuple[int, int], archive:
     if result.search != run.search:
         if has_other_alphabet(result.search, run.search):
             raise InputError(
-                f"{folder}: expected a part for the tile set {run.tiles.name!r}, "
-                "got one for another set"
+                folder, f"a part for the tile set {run.tiles.name!r}", "one for another set"
             )
-        raise InputError(f"{file}: expected the search in {RECORD} next to it, got another search")
+        raise InputError(file, f"the search in {RECORD} next to it", "another search")
     seeds = len(run.spec.replace(part=part).seed_indices)
     # Grids are `[seeds, elites, height, width]`. Any number of elites fits.
     shape, expected = result.elites.grids.shape, (seeds, *run.spec.size)
     if shape[:-3] + shape[-2:] != expected:
-        raise InputError("{}: expected {} seeds of {} x {}, got {}".format(file, *expected, shape))
+        raise InputError(file, "{} seeds of {} x {}".format(*expected), shape)
     # Runs of one search with different seeds almost always differ in these metrics.
     if describe_archive(result) != archive:
-        raise InputError(
-            f"{file}: expected the archive of the same run as {RECORD} next to it, got another one"
-        )
+        raise InputError(file, f"the archive of the same run as {RECORD} next to it", "another one")
     return result

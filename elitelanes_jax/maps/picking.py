@@ -85,7 +85,7 @@ def pick(
     # A user may name the folder of a run instead of the archive in it.
     for file in files:
         if is_folder(file):
-            raise InputError(f"{file}: expected an archive, such as {file / ARCHIVE}, got a folder")
+            raise InputError(file, f"an archive, such as {file / ARCHIVE}", "a folder")
     tiles = load_tiles(spec.tiles)
     sources = [_read_source(file) for file in files]
     search = _resolve_choice(spec, sources)
@@ -176,9 +176,7 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
         search = source.result.search
         if search.shape != first.shape:
             expected, got = "{} x {}".format(*first.shape), "{} x {}".format(*search.shape)
-            raise InputError(
-                f"{source.name}: expected maps of {expected}, as in the first archive, got {got}"
-            )
+            raise InputError(source.name, f"maps of {expected}, as in the first archive", got)
         # The elites of all archives together may have these codes.
         alphabet.update(search.alphabet)
     settings = first.settings

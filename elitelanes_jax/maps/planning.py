@@ -67,9 +67,7 @@ def resolve_to_draw(spec: SearchSpec, shape: tuple[int, int], tiles: TileSet) ->
     missing = set(spec.options.get("alphabet") or ()) - set(tiles.alphabet)
     if missing:
         codes = ", ".join(map(str, tiles.alphabet))
-        raise InputError(
-            f"alphabet: expected codes of the tile set {tiles.name!r}, {codes}, got {min(missing)}"
-        )
+        raise InputError("alphabet", f"codes of the tile set {tiles.name!r}, {codes}", min(missing))
     return resolve(spec, shape, tiles.alphabet, room_for="maps")
 
 
@@ -88,9 +86,13 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
         and not _lacks_crossings(search)
     ):
         raise InputError(
-            "furnish: expected rules=duckietown, or an inventory and where signable=1, "
-            "with signs at every crossing, got neither; "
-            "signs=possible leaves out crossings that have a road at a corner"
+            "furnish",
+            (
+                "rules=duckietown, or an inventory and where signable=1, with signs at every "
+                "crossing"
+            ),
+            "neither",
+            "signs=possible leaves out crossings that have a road at a corner",
         )
     # A search with fixed cells does not fill all cells: these may be empty, or leave free cells
     # empty between them.
@@ -99,9 +101,10 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
             f"{name}={amount:g}" for name, amount in furnish.numbers_beside_roads.items()
         )
         raise InputError(
-            f"furnish: expected rules=duckietown or a style such as town with {asked}, "
-            "got a search whose maps have no cells without road; "
-            "a share below 1 places as many as fit"
+            "furnish",
+            f"rules=duckietown or a style such as town with {asked}",
+            "a search whose maps have no cells without road",
+            "a share below 1 places as many as fit",
         )
 
 

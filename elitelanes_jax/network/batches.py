@@ -70,7 +70,7 @@ def _check_lengths(args: Pytree) -> None:
     lengths = {tuple(shape[:1]) for shape in shapes}
     if len(lengths) != 1 or () in lengths:
         got = f"shapes {', '.join(map(str, shapes))}" if shapes else "none"
-        raise InputError(f"arguments: expected arrays with a first axis of one length, got {got}")
+        raise InputError("arguments", "arrays with a first axis of one length", got)
 
 
 def _numbers_of_an_element(args: Pytree) -> int:

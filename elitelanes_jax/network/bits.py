@@ -38,7 +38,7 @@ def check_key(key: UserValue) -> None:
     # A key of the old style is a vector.
     is_old = is_array and key.dtype == jnp.uint32 and key.ndim == 1
     if not is_new and not is_old:
-        raise InputError(f"key: expected a jax.random.key, got {shorten(repr(key))}")
+        raise InputError("key", "a jax.random.key", shorten(repr(key)))
 
 
 THREEFRY = "threefry2x32"
@@ -204,7 +204,7 @@ def _check_bits(bits: UserValue) -> UInt32[Array, "..."]:
     """
     dtype = bits.dtype if hasattr(bits, "dtype") else np.asarray(bits).dtype
     if dtype != np.uint32:
-        raise InputError(f"bits: expected uint32, got {dtype}")
+        raise InputError("bits", "uint32", dtype)
     return jnp.asarray(bits)
 
 
@@ -219,7 +219,7 @@ def _check_counts(count: UserValue) -> None:
         are_known and not 0 <= counts.min() <= counts.max() < 2**31
     ):
         got = shorten(repr(count))
-        raise InputError(f"count: expected whole numbers, 0 to {2**31 - 1}, got {got}")
+        raise InputError("count", f"whole numbers, 0 to {2**31 - 1}", got)
 
 
 @name_wrong_arguments

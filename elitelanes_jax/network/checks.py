@@ -41,12 +41,12 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
         are_whole = False
     if not are_whole or isinstance(shape, NO_SHAPES):
         got = shorten(repr(shape))
-        raise InputError(f"shape: expected (height, width), two whole numbers, got {got}")
+        raise InputError("shape", "(height, width), two whole numbers", got)
     height, width = int(height), int(width)
     least, purpose = (2, " for new maps") if new else (1, "")
     if min(height, width) < least or max(height, width) > LONGEST_SIDE:
         raise InputError(
-            f"shape: expected sides from {least} to {LONGEST_SIDE}{purpose}, got {height} x {width}"
+            "shape", f"sides from {least} to {LONGEST_SIDE}{purpose}", f"{height} x {width}"
         )
     return height, width
 
@@ -55,7 +55,7 @@ def check_sides(rows: list[list[UserValue]]) -> None:
     """Checks that the number of rows, and the length of each, is at most `LONGEST_SIDE`."""
     width = max(map(len, rows), default=0)
     if max(len(rows), width) > LONGEST_SIDE:
-        raise InputError(f"shape: expected sides up to {LONGEST_SIDE}, got {len(rows)} x {width}")
+        raise InputError("shape", f"sides up to {LONGEST_SIDE}", f"{len(rows)} x {width}")
 
 
 def check_grid(grid: AnyArray) -> AnyArray:
@@ -73,37 +73,37 @@ def check_grid(grid: AnyArray) -> AnyArray:
     jax = sys.modules.get("jax")
     if hasattr(grid, "codes"):
         name = type(grid).__name__
-        raise InputError(f"grid: expected rows of tile codes, got a {name}; give its codes")
+        raise InputError("grid", "rows of tile codes", f"a {name}", "give its codes")
     if isinstance(grid, str | PurePath):
         raise InputError(
-            f"grid: expected rows of tile codes, got {str(grid)!r}; "
-            "read_map reads the map of a file"
+            "grid", "rows of tile codes", repr(str(grid)), "read_map reads the map of a file"
         )
     try:
         array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
     except ValueError:
-        raise InputError("grid: expected rows of one length, got rows of several") from None
+        raise InputError("grid", "rows of one length", "rows of several") from None
     # `np.asarray` drops the mask, and the cells under it may have any codes.
     if np.ma.is_masked(grid):
         raise InputError(
-            "grid: expected a tile code in each cell, got a masked array; "
-            "grid.filled(0) empties such cells"
+            "grid",
+            "a tile code in each cell",
+            "a masked array",
+            "grid.filled(0) empties such cells",
         )
     if array.ndim != 2:
-        hint = "; give one grid, or batch a kernel with jax.vmap" if array.ndim == 3 else ""
-        raise InputError(
-            f"grid: expected two dimensions (rows, columns), got shape {array.shape}{hint}"
-        )
+        hint = "give one grid, or batch a kernel with jax.vmap" if array.ndim == 3 else ""
+        raise InputError("grid", "two dimensions (rows, columns)", f"shape {array.shape}", hint)
     check_shape(array.shape)
     if array.dtype.kind not in "iu":
-        raise InputError(f"grid: expected integer tile codes, got {array.dtype}")
+        raise InputError("grid", "integer tile codes", array.dtype)
     if not is_traced(array):
         codes = np.asarray(array)
         if codes.min() < 0 or codes.max() > 15:
             row, column = np.argwhere((codes < 0) | (codes > 15))[0]
             raise InputError(
-                f"grid: expected tile codes 0 to 15, got {codes[row, column]} "
-                f"at {describe_cell(row, column)}"
+                "grid",
+                "tile codes 0 to 15",
+                f"{codes[row, column]} at {describe_cell(row, column)}",
             )
     return array.astype(np.int8)
 
@@ -115,8 +115,10 @@ def known_grid(grid: AnyArray) -> Int8[np.ndarray, "H W"]:
     """
     if is_traced(grid):
         raise InputError(
-            "grid: expected known tile codes, got traced ones; call this function outside of "
-            "jax.jit and jax.vmap"
+            "grid",
+            "known tile codes",
+            "traced ones",
+            "call this function outside of jax.jit and jax.vmap",
         )
     return np.asarray(check_grid(grid))
 

@@ -114,13 +114,13 @@ def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
 
     Raises `InputError` if it is empty.
     """
-    expected = "alphabet: expected tile codes, whole numbers 0 to 15"
+    expected = "tile codes, whole numbers 0 to 15"
     try:
         listed = np.asarray(codes if hasattr(codes, "shape") else list(codes)).ravel().tolist()
     except (TypeError, ValueError):
         # The value cannot be iterated over, or its rows have several lengths.
-        raise InputError(f"{expected}, got {codes!r}") from None
+        raise InputError("alphabet", expected, repr(codes)) from None
     wrong = [code for code in listed if type(code) is not int or not 0 <= code <= 15]
     if wrong or not listed:
-        raise InputError(f"{expected}, got {repr(wrong[0]) if wrong else 'none'}")
+        raise InputError("alphabet", expected, repr(wrong[0]) if wrong else "none")
     return tuple(sorted(set(listed)))

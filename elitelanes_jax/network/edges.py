@@ -36,7 +36,7 @@ def check_array(
     if not is_shape or array.dtype not in [jnp.dtype(dtype) for dtype in dtypes]:
         kinds = " or ".join(str(jnp.dtype(dtype)) for dtype in dtypes)
         expected = f"{kinds} [{', '.join(map(str, shape))}]"
-        raise InputError(f"{name}: expected {expected}, got {array.dtype} {list(array.shape)}")
+        raise InputError(name, expected, f"{array.dtype} {list(array.shape)}")
     return array
 
 
@@ -60,7 +60,7 @@ def check_same_tree(name: str, before: Pytree, after: Pytree) -> None:
     except AssertionError as error:
         # The text before this names a function of chex, which tells the user nothing.
         words = str(error).partition(" failed: ")[2]
-        raise InputError(f"{name}: {shorten(words, 400)}") from None
+        raise InputError(name, "", shorten(words, 400)) from None
 
 
 def _have_one_kind(before: AnyArray, after: AnyArray) -> bool:

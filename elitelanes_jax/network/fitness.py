@@ -31,9 +31,9 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
         that does not fit int32.
     """
     if not isinstance(metrics, Metrics):
-        raise InputError(f"metrics: expected Metrics, from measure, got {type(metrics).__name__}")
+        raise InputError("metrics", "Metrics, from measure", type(metrics).__name__)
     if not isinstance(weights, Weights):
-        raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
+        raise InputError("weights", "Weights", type(weights).__name__)
     total = _integer("constant", weights.constant)
     factors = []
     for name in Weights._fields[:-1]:
@@ -59,13 +59,13 @@ def _check_sum(constant: Numeric, factors: list[tuple[Numeric, Numeric]]) -> Non
         total = total + np.asarray(weight, np.int64) * np.asarray(value, np.int64)
     wrong = total[np.abs(total) >= 2**31]
     if wrong.size:
-        raise InputError(f"weights: expected a fitness within int32, got {wrong.flat[0]:,}")
+        raise InputError("weights", "a fitness within int32", f"{wrong.flat[0]:,}")
 
 
 def _integer(name: str, weight: Numeric) -> Int32[Array, "..."]:
     array = weight if isinstance(weight, jax.Array) else np.asarray(weight)
     if not jnp.issubdtype(array.dtype, jnp.integer):
-        raise InputError(f"weights: expected integers, got {name} of type {array.dtype}")
+        raise InputError("weights", "integers", f"{name} of type {array.dtype}")
     if isinstance(array, np.ndarray) and (array != array.astype(np.int32)).any():
-        raise InputError(f"weights: expected integers of 32 bits, got {name}={weight!r}")
+        raise InputError("weights", "integers of 32 bits", f"{name}={weight!r}")
     return jnp.asarray(array, jnp.int32)

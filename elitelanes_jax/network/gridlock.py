@@ -65,7 +65,7 @@ def gridlock_number(codes: AnyArray, *, slots: int = 1) -> Int32[Array, ""]:
     grid = check_grid(codes)
     if max(grid.shape) > LONGEST_TOWN:
         expected = f"sides of at most {LONGEST_TOWN} for the gridlock number"
-        raise InputError(f"codes: expected {expected}, got {grid.shape}")
+        raise InputError("codes", expected, grid.shape)
     return _gridlock_number(grid, slots=check_named("slots", whole(1, 1000), slots))
 
 

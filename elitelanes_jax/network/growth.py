@@ -63,9 +63,7 @@ def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]
     """
     height, width = check_shape(shape, new=True)
     if min(shape) < SMALLEST_GROWN:
-        raise InputError(
-            f"shape: expected sides of at least {SMALLEST_GROWN} for a town to grow, got {shape}"
-        )
+        raise InputError("shape", f"sides of at least {SMALLEST_GROWN} for a town to grow", shape)
     cells = (height - 1) * (width - 1)
     steps = min(-(-cells // _CELLS_A_STEP), _MOST_STEPS)
     # Each step has its own row of bits. The last row draws the numbers of streets and bends.

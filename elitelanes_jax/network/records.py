@@ -140,18 +140,18 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
     not fit int32 together with ranges and other features, which add at most `more` in size.
     """
     if not isinstance(weights, Weights):
-        raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
+        raise InputError("weights", "Weights", type(weights).__name__)
     for name, weight in weights._asdict().items():
         if np.ndim(weight) or not np.issubdtype(np.asarray(weight).dtype, np.integer):
-            raise InputError(f"weights: expected whole numbers, got {name}={weight!r}")
+            raise InputError("weights", "whole numbers", f"{name}={weight!r}")
     # Integers of Python have no limit, so the bound below is exact.
     exact = Weights(*(int(np.asarray(weight)) for weight in weights))
     largest = _largest_fitness(exact, shape) + more
     if largest >= 2**31:
         raise InputError(
-            f"weights: expected a fitness within int32 for every grid of {shape[0]} x {shape[1]}, "
-            f"got weights with which it might reach {largest:,}",
-            subject="weights",
+            "weights",
+            f"a fitness within int32 for every grid of {shape[0]} x {shape[1]}",
+            f"weights with which it might reach {largest:,}",
         )
     return exact
 

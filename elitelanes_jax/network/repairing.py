@@ -64,22 +64,20 @@ def repair(
     """
     grid = check_grid(grid)
     if fill and min(grid.shape) < 2:
-        raise InputError(
-            f"fill: expected a grid of at least 2 x 2, got {grid.shape[0]} x {grid.shape[1]}"
-        )
+        raise InputError("fill", "a grid of at least 2 x 2", f"{grid.shape[0]} x {grid.shape[1]}")
     dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
     fixed = None if fixed is None else _check_mask("fixed", fixed, grid.shape)
     return _repair(grid, dirty, raster, fixed, fill=fill)
 
 
 def _check_mask(name: str, mask: AnyArray, shape: tuple[int, int]) -> AnyArray:
-    expected = f"{name}: expected bool of the grid's shape {shape}"
+    expected = f"bool of the grid's shape {shape}"
     try:
         array = mask if isinstance(mask, jax.Array) else np.asarray(mask)
     except ValueError:
-        raise InputError(f"{expected}, got rows of several lengths") from None
+        raise InputError(name, expected, "rows of several lengths") from None
     if array.shape != shape or array.dtype != bool:
-        raise InputError(f"{expected}, got {array.dtype} {array.shape}")
+        raise InputError(name, expected, f"{array.dtype} {array.shape}")
     return array
 
 

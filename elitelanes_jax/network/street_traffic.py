@@ -101,7 +101,7 @@ def _check_town(codes: AnyArray) -> AnyArray:
     grid = check_grid(codes)
     if max(grid.shape) > LONGEST_DETOUR:
         expected = f"sides of at most {LONGEST_DETOUR} for streets"
-        raise InputError(f"codes: expected {expected}, got {grid.shape}")
+        raise InputError("codes", expected, grid.shape)
     return grid
 
 

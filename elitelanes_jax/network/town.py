@@ -44,7 +44,7 @@ def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
     most = LONGEST_DETOUR if detour else LONGEST_TOWN
     if max(grid.shape) > most:
         what = "the mean detour" if detour else "the features of a town"
-        raise InputError(f"grid: expected sides of at most {most} for {what}, got {grid.shape}")
+        raise InputError("grid", f"sides of at most {most} for {what}", grid.shape)
     return _measure_town(grid, detour=detour)
 
 

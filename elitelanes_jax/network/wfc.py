@@ -75,9 +75,9 @@ def generate_batch(
       InputError: for an argument out of its range.
     """
     if not isinstance(rng, np.random.Generator):
-        raise InputError(f"rng: expected a numpy.random.Generator, got {type(rng).__name__}")
+        raise InputError("rng", "a numpy.random.Generator", type(rng).__name__)
     if border not in ("open", "closed"):
-        raise InputError(f"border: expected 'open' or 'closed', got {border!r}")
+        raise InputError("border", "'open' or 'closed'", repr(border))
     n, attempts = check_named("n", whole(1), n), check_named("attempts", whole(1), attempts)
     shape = check_shape(shape, new=True)
     constraints = check_alphabet(alphabet), border, bool(crossing_ban)

@@ -62,9 +62,7 @@ class AnnealedPsoConfig(Record):
         """Checks that the sum of the probabilities is at most 1."""
         one, other = self.cognitive, self.social
         if isinstance(one, float) and isinstance(other, float) and one + other > 1:
-            raise InputError(
-                f"social: expected cognitive + social to be at most 1, got {one:g} + {other:g}"
-            )
+            raise InputError("social", "cognitive + social to be at most 1", f"{one:g} + {other:g}")
 
 
 @pytree

@@ -85,11 +85,9 @@ class AnnealingConfig(Record):
         chains = self.chains or _CHAINS
         if self.population % chains:
             expected = f"a multiple of the {chains} chains of an island"
-            raise InputError(f"population: expected {expected}, got {self.population}")
+            raise InputError("population", expected, self.population)
         if self.coldest > self.hottest:
-            raise InputError(
-                f"coldest: expected at most the hottest, {self.hottest}, got {self.coldest}"
-            )
+            raise InputError("coldest", f"at most the hottest, {self.hottest}", self.coldest)
 
     def chains_on(self, shape: tuple[int, int]) -> int:
         """Returns the number of chains of an island on grids of a shape."""

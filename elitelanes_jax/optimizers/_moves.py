@@ -60,13 +60,13 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     if isinstance(moves, tuple) and not moves:
         moves = {}
     if not isinstance(moves, Mapping):
-        raise InputError(f"expected moves by name, got {shorten(repr(moves))}")
+        raise InputError("", "moves by name", shorten(repr(moves)))
     checked = {}
     for name, value in sorted(moves.items(), key=lambda item: str(item[0])):
         is_name = isinstance(name, str) and name.isidentifier()
         if not is_name or name in KNOWN_MOVES:
             expected = "names of letters, digits and _ that no other move has"
-            raise InputError(f"expected {expected}, got {shorten(repr(name))}")
+            raise InputError("", expected, shorten(repr(name)))
         checked[name] = _check_user_move(name, value)
     return checked
 
@@ -75,7 +75,7 @@ def _check_user_move(name: str, value: UserValue) -> tuple[AnyArray, Move]:
     """Checks the weight and the move of one name."""
     is_pair = isinstance(value, tuple | list) and len(value) == 2
     if not is_pair or not isinstance(value[1], Move):
-        raise InputError(f"{name}: expected a weight and a Move, got {shorten(repr(value))}")
+        raise InputError(name, "a weight and a Move", shorten(repr(value)))
     weight, move = value
     check_named(f"{name}: apply", function_of("bits", "grid", "mate"), move.apply)
     return check_named(name, number_or_array(whole(0), whole=True), weight), move
@@ -137,12 +137,12 @@ class MoveWeights(Record):
         for weight, _ in self.user_moves.values():
             weights.append(weight)
         if all(_is_never_drawn(weight) for weight in weights):
-            raise InputError("link: expected a weight over 0 for at least one move, got none")
+            raise InputError("link", "a weight over 0 for at least one move", "none")
         # A move is drawn by a whole number below the sum of all weights, which has to fit int32.
         total = sum(weight for weight in weights if isinstance(weight, int))
         if total > LARGEST:
             expected = f"weights of moves that add up to at most {LARGEST}"
-            raise InputError(f"link: expected {expected}, got {total}")
+            raise InputError("link", expected, total)
 
     def with_moves(self, moves: UserValue) -> "MoveWeights":
         """Returns the weights with some changed, and with moves of the user.
@@ -155,9 +155,7 @@ class MoveWeights(Record):
           InputError: for anything else.
         """
         if not isinstance(moves, Mapping):
-            raise InputError(
-                f"moves: expected weights and moves by name, got {shorten(repr(moves))}"
-            )
+            raise InputError("moves", "weights and moves by name", shorten(repr(moves)))
         weights = {}
         user_moves = {}
         for name, value in moves.items():
@@ -171,9 +169,7 @@ class MoveWeights(Record):
                 expected = (
                     f"one of {known_names} with a weight, or another name with a weight and a Move"
                 )
-                raise InputError(
-                    f"moves: expected {expected}, got {name!r}{suggest(name, KNOWN_MOVES)}"
-                )
+                raise InputError("moves", expected, repr(name), suggest(name, KNOWN_MOVES))
         return check_named("moves", self._replace_moves, weights, user_moves)
 
     def _replace_moves(self, weights: dict[str, UserValue], user_moves: UserValue) -> "MoveWeights":
@@ -421,7 +417,7 @@ def _check_variation(name: str, result: UserValue, shape: tuple[int, ...]) -> Va
     arrays = result if isinstance(result, tuple | list) else (result,)
     kinds = [(np.shape(array), getattr(array, "dtype", type(array).__name__)) for array in arrays]
     if kinds != [(shape, jnp.int8), (shape, jnp.bool_)]:
-        raise InputError(f"moves: expected {name} to return int8 and bool {shape}, got {kinds}")
+        raise InputError("moves", f"{name} to return int8 and bool {shape}", kinds)
     grid, dirty = arrays
     return Variation(grid, dirty)
 

@@ -59,7 +59,7 @@ class EvolutionConfig(Record):
         """Checks that there are enough offspring to survive."""
         if self.survivors == "comma" and self.offspring < self.population:
             expected = f"at least the population, {self.population}, when survivors is 'comma'"
-            raise InputError(f"offspring: expected {expected}, got {self.offspring}")
+            raise InputError("offspring", expected, self.offspring)
 
 
 @name_wrong_arguments
@@ -149,19 +149,20 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     evaluation = problem.evaluate(grids)
     is_pair = isinstance(evaluation, tuple | list) and len(evaluation) == 2
     if not is_pair or not all(hasattr(part, "dtype") for part in evaluation):
-        words = "expected a tuple of two arrays, fitness and features"
-        raise InputError(f"evaluate: {words}, got {shorten(repr(evaluation))}")
+        pair = "a tuple of two arrays, fitness and features"
+        raise InputError("evaluate", pair, shorten(repr(evaluation)))
     fitness, features = evaluation
     expected = (len(grids),), (len(grids), len(problem.feature_names))
     got = fitness.shape, features.shape
     if expected != got:
-        raise InputError(f"evaluate: expected fitness and features of shapes {expected}, got {got}")
+        raise InputError("evaluate", f"fitness and features of shapes {expected}", got)
     is_number = jnp.issubdtype(fitness.dtype, jnp.number)
     is_complex = jnp.issubdtype(fitness.dtype, jnp.complexfloating)
     if not is_number or is_complex or not jnp.issubdtype(features.dtype, jnp.integer):
         raise InputError(
-            "evaluate: expected a fitness of real numbers and features of whole numbers, "
-            f"got {fitness.dtype} and {features.dtype}"
+            "evaluate",
+            "a fitness of real numbers and features of whole numbers",
+            f"{fitness.dtype} and {features.dtype}",
         )
     # A number that does not fit int32 refuses its grid, because a conversion would change the
     # number.
@@ -222,7 +223,7 @@ def truncate(*populations: Population, count: int) -> Population:
     Grids of equal fitness keep their order.
     """
     if not populations:
-        raise InputError("populations: expected at least one, got none")
+        raise InputError("populations", "at least one", "none")
     check_named("count", whole(0), count)
     everyone = concatenate(*populations)
     order = jnp.argsort(everyone.fitness, stable=True)[:count]

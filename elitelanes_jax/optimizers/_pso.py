@@ -90,8 +90,9 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     check_arguments(problem, config, PsoConfig)
     if problem.initial is not None and len(problem.initial):
         raise InputError(
-            "initial: expected none with the paper's PSO, whose particles are no grids, "
-            f"got {pluralize(len(problem.initial), 'grid')}"
+            "initial",
+            "none with the paper's PSO, whose particles are no grids",
+            pluralize(len(problem.initial), "grid"),
         )
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.particles, codes.size, *problem.shape)

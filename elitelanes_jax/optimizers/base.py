@@ -48,7 +48,7 @@ def check_arguments(problem: Problem, config: Record, kind: type[Record]) -> Non
         if jnp.shape(value) != ():
             name = jax.tree_util.keystr(path).lstrip(".")
             got = f"shape {jnp.shape(value)}, which only jax.vmap maps over"
-            raise InputError(f"config: expected one number as {name}, got {got}")
+            raise InputError("config", f"one number as {name}", got)
 
 
 def count_refused(evaluated: Population) -> Int32[Array, ""]:

@@ -76,7 +76,7 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
     if genotypes.shape[1:] != problem.shape or genotypes.dtype != jnp.int8:
         height, width = problem.shape
         got = f"{genotypes.dtype} {genotypes.shape}"
-        raise InputError(f"genotypes: expected int8 grids [B, {height}, {width}], got {got}")
+        raise InputError("genotypes", f"int8 grids [B, {height}, {width}]", got)
 
 
 @name_wrong_arguments
@@ -88,7 +88,7 @@ def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
     only the niche's own centroid is nearest.
     """
     if not axes:
-        raise InputError("axes: expected at least one, got none")
+        raise InputError("axes", "at least one", "none")
     bins = np.indices([axis.bins for axis in axes], np.float32)
     return jnp.asarray(bins.reshape(len(axes), -1).T)
 
@@ -200,7 +200,7 @@ def evosax_task(problem: Problem) -> EvosaxTask:
     @divide_batches
     def decode(solution: Array) -> Array:
         if solution.shape != (length,):
-            raise InputError(f"solution: expected logits [{length}], got shape {solution.shape}")
+            raise InputError("solution", f"logits [{length}]", f"shape {solution.shape}")
         indices = solution.reshape(shape).argmax(axis=-1)
         return problem.repair_raster(codes[indices])
 
@@ -261,22 +261,20 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
             array = np.asarray(solutions)
         except ValueError as error:
             # NumPy makes no array of rows with several lengths.
-            raise InputError(f"solutions: expected numbers [B, {size}], got: {error}") from None
+            raise InputError("solutions", f"numbers [B, {size}]", error) from None
         if array.ndim != 2 or array.shape[1] != size or array.dtype.kind not in "iuf":
-            raise InputError(
-                f"solutions: expected numbers [B, {size}], got {array.dtype} {array.shape}"
-            )
+            raise InputError("solutions", f"numbers [B, {size}]", f"{array.dtype} {array.shape}")
         if array.dtype.kind == "f":
             if not np.isfinite(array).all():
                 # The floor of these is no index.
-                raise InputError("solutions: expected finite numbers, got NaN or infinity")
+                raise InputError("solutions", "finite numbers", "NaN or infinity")
             # Emitters propose real numbers of any size, so indices outside the alphabet are
             # limited.
             indices = np.floor(array).clip(0, len(codes) - 1).astype(int)
             array = codes[indices]
         elif array.size and (array.min() < 0 or array.max() > 15):
             got = f"{array.min()} to {array.max()}"
-            raise InputError(f"solutions: expected tile codes 0 to 15, got {got}")
+            raise InputError("solutions", "tile codes 0 to 15", got)
         grids = array.astype(np.int8).reshape(-1, height, width)
         return np.asarray(repair_all(grids))
 

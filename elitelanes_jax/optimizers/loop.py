@@ -70,14 +70,12 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
       The states of all seeds, arrays ``[S, ...]``, and an `Info` of arrays ``[generations, S]``.
     """
     if not isinstance(optimizer, Optimizer):
-        raise InputError(f"optimizer: expected an Optimizer, got {type(optimizer).__name__}")
+        raise InputError("optimizer", "an Optimizer", type(optimizer).__name__)
     # A key of the old style is a vector of two numbers, so its batch has one more axis.
     if np.ndim(keys) != 1 + (getattr(keys, "dtype", None) == np.uint32):
-        raise InputError(
-            f"keys: expected keys [S], such as those of seed_keys, got {shorten(repr(keys))}"
-        )
+        raise InputError("keys", "keys [S], such as those of seed_keys", shorten(repr(keys)))
     if not np.shape(keys)[0]:
-        raise InputError("keys: expected at least one, got none")
+        raise InputError("keys", "at least one", "none")
     check_named("generations", whole(0), generations)
 
     def run_all(keys: Array) -> tuple[Pytree, Info]:
@@ -165,9 +163,7 @@ def advance(
 def check_state(state: Pytree) -> Pytree:
     """Returns what an optimiser's `init` returned; raises `InputError` if it has no array."""
     if not jax.tree.leaves(state):
-        raise InputError(
-            f"optimizer: expected an init that returns a pytree of arrays, got {state!r}"
-        )
+        raise InputError("optimizer", "an init that returns a pytree of arrays", repr(state))
     return state
 
 
@@ -183,9 +179,7 @@ def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Po
     grids, fitness, columns = (jnp.asarray(array) for array in elites)
     for name, array in (("grids", grids), ("features", columns)):
         if not jnp.issubdtype(array.dtype, jnp.integer):
-            raise InputError(
-                f"optimizer: elites: expected {name} of whole numbers, got {array.dtype}"
-            )
+            raise InputError("optimizer: elites", f"{name} of whole numbers", array.dtype)
     grids, columns = grids.astype(jnp.int8), columns.astype(jnp.int32)
     check_array("optimizer: elites: fitness", fitness, slots or ("N",), jnp.int32, jnp.float32)
     check_array("optimizer: elites: grids", grids, (*slots, *shape), jnp.int8)
@@ -203,14 +197,12 @@ def _check_step(state: Pytree, outcome: UserValue) -> None:
         if isinstance(outcome, tuple):
             # The text of a state may be long, so the message has only the types.
             got = f"({', '.join(type(part).__name__ for part in outcome)})"
-        raise InputError(
-            f"optimizer: expected a step that returns (state, Info), got {shorten(got)}"
-        )
+        raise InputError("optimizer", "a step that returns (state, Info)", shorten(got))
     new_state, info = outcome
     for name in Info._fields:
         shape = np.shape(getattr(info, name))
         if shape:
-            raise InputError(f"optimizer: expected an Info of scalars, got {name} of shape {shape}")
+            raise InputError("optimizer", "an Info of scalars", f"{name} of shape {shape}")
     check_same_tree(
         "optimizer: expected a step that keeps the structure, shapes and dtypes of its state",
         state,

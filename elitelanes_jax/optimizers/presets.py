@@ -107,7 +107,7 @@ def make_optimizer(problem: Problem, config: Config) -> Optimizer:
 def _check_config(config: UserValue) -> None:
     if type(config) not in _FACTORIES:
         names = ", ".join(kind.__name__ for kind in _FACTORIES)
-        raise InputError(f"config: expected one of {names}, got {type(config).__name__}")
+        raise InputError("config", f"one of {names}", type(config).__name__)
 
 
 def with_moves(config: Config, moves: UserValue) -> Config:
@@ -118,8 +118,7 @@ def with_moves(config: Config, moves: UserValue) -> Config:
     annealing = _annealing(config)
     if annealing is None:
         raise InputError(
-            "moves: expected a method with moves, such as preset tuned, "
-            f"got {type(config).__name__}"
+            "moves", "a method with moves, such as preset tuned", type(config).__name__
         )
     annealing = annealing.replace(moves=annealing.moves.with_moves(moves))
     if isinstance(config, AnnealingConfig):
@@ -185,9 +184,7 @@ def config_from_plain(plain: Plain) -> Config | None:
     """
     kinds = {kind.__name__: kind for kind in _FACTORIES}
     if not isinstance(plain, Mapping) or plain.get("kind") not in kinds:
-        raise InputError(
-            f"config: expected a kind, one of {', '.join(kinds)}, got {shorten(repr(plain))}"
-        )
+        raise InputError("config", f"a kind, one of {', '.join(kinds)}", shorten(repr(plain)))
     fields = {name: value for name, value in plain.items() if name != "kind"}
     # Plain values do not have the functions of these moves.
     if _has_user_moves(fields):
@@ -209,7 +206,7 @@ def _from_plain(default: R, plain: Plain) -> R:
     """
     names = default.options()
     if not isinstance(plain, Mapping) or set(plain) != set(names):
-        raise InputError(f"config: expected {', '.join(names)}, got {shorten(repr(plain))}")
+        raise InputError("config", ", ".join(names), shorten(repr(plain)))
     values = dict(plain)
     for name in names:
         part = getattr(default, name)

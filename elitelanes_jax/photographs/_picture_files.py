@@ -20,7 +20,7 @@ _MOST_PIXELS = 200e6
 _MOST_READ = 26e6
 # The least side in pixels. In smaller pictures a tile's lines are not seen.
 _LEAST_SIDE = 200
-_WORDS = "expected a photograph, a JPEG or PNG file"
+_EXPECTED = "a photograph, a JPEG or PNG file"
 # The flag that reads a file at a part of its size, by how many times smaller its sides become.
 _READ_FLAGS = {
     1: cv2.IMREAD_COLOR,
@@ -64,8 +64,7 @@ def read_picture(file: Path) -> SensorPicture:
     height, width = picture.shape[:2]
     if min(height, width) < _LEAST_SIDE:
         raise InputError(
-            f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, "
-            f"got {width} x {height}"
+            file, f"a photograph of at least {_LEAST_SIDE} pixels a side", f"{width} x {height}"
         )
     red_first = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
     return SensorPicture(red_first, shrunk, opened.exif)
@@ -100,8 +99,10 @@ def _open_jpeg(file: Path, content: bytes) -> _PictureFile:
     _check_pixels(file, header.width, header.height, _MOST_PIXELS, "save it smaller")
     if is_damaged(header):
         raise InputError(
-            f"{file}: expected a whole photograph, got a file with a damaged stretch; "
-            "copy it from the camera again"
+            file,
+            "a whole photograph",
+            "a file with a damaged stretch",
+            "copy it from the camera again",
         )
     return _PictureFile(header.plain, header.width, header.height, header.exif)
 
@@ -117,10 +118,8 @@ def _open_png(file: Path, content: bytes) -> _PictureFile:
     except ValueError:
         raise _unreadable_error(file) from None
     if _is_transparent(plain):
-        raise InputError(
-            f"{file}: expected a photograph without transparent pixels, which hide colours; "
-            "save it as JPEG"
-        )
+        expected = "a photograph without transparent pixels, which hide colours"
+        raise InputError(file, expected, "one with some", "save it as JPEG")
     exif = next((part.data for part in png_parts(content) if part.kind == b"eXIf"), b"")
     return _PictureFile(plain, width, height, exif)
 
@@ -128,30 +127,28 @@ def _open_png(file: Path, content: bytes) -> _PictureFile:
 def _read_content(file: Path) -> bytes:
     """Reads a file that begins as a JPEG or PNG file does."""
     if file.is_dir():
-        raise InputError(f"{file}: {_WORDS}, got a folder; name the files in it")
+        raise InputError(file, _EXPECTED, "a folder", "name the files in it")
     try:
         content = read_bytes(file, _MOST_BYTES)
     except OSError as error:
-        raise InputError(f"{file}: {_WORDS}, got: {reason(error)}") from None
+        raise InputError(file, _EXPECTED, reason(error)) from None
     if content[4:8] == b"ftyp":
-        raise InputError(
-            f"{file}: {_WORDS}, "
-            "got HEIC, AVIF or a film; convert it to JPEG, or let the phone take JPEGs"
-        )
+        hint = "convert it to JPEG, or let the phone take JPEGs"
+        raise InputError(file, _EXPECTED, "HEIC, AVIF or a film", hint)
     if not is_jpeg(content) and content[:8] != b"\x89PNG\r\n\x1a\n":
-        raise InputError(f"{file}: {_WORDS}, got another file")
+        raise InputError(file, _EXPECTED, "another file")
     return content
 
 
 def _check_pixels(file: Path, width: int, height: int, most: float, remedy: str) -> None:
     if width * height > most:
         raise InputError(
-            f"{file}: expected at most {most / 1e6:g} megapixels, got {width} x {height}; {remedy}"
+            file, f"at most {most / 1000000.0:g} megapixels", f"{width} x {height}", remedy
         )
 
 
 def _unreadable_error(file: Path) -> InputError:
-    return InputError(f"{file}: {_WORDS}, got one that cannot be read")
+    return InputError(file, _EXPECTED, "one that cannot be read")
 
 
 def _is_transparent(content: bytes) -> bool:

@@ -109,9 +109,7 @@ def _read_cells(
     has_its_size = (proposal.height, proposal.width) == photograph.image.shape[:2]
     has_shapes = np.shape(proposal.homography) == (3, 3) and np.shape(proposal.sure) == codes.shape
     if not (has_its_size and has_shapes):
-        raise InputError(
-            f"{photograph.name}: expected a proposal for this photograph, got another one"
-        )
+        raise InputError(photograph.name, "a proposal for this photograph", "another one")
     return codes, np.array(proposal.sure)
 
 

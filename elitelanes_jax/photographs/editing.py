@@ -93,8 +93,7 @@ class HandWork:
         is_new = not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
         if is_new and not photographs:
             raise InputError(
-                f"{folder}: expected a tile set, "
-                "got no files; --photos cuts tiles out of photographs"
+                folder, "a tile set", "no files", "--photos cuts tiles out of photographs"
             )
         tiles = [] if is_new else mask_folder(folder)
         self._tiles = [
@@ -149,9 +148,7 @@ class HandWork:
         photograph = self.photographs[values["photo"]]
         cuts = cut_tiles(photograph, Proposal(**values["proposal"]))
         if not cuts:
-            raise InputError(
-                f"{photograph.name}: expected tiles of a sure kind, got none; set the kinds"
-            )
+            raise InputError(photograph.name, "tiles of a sure kind", "none", "set the kinds")
         return [self._add(cut.name, _picture_of(cut.image), mask_cut(cut)) for cut in cuts]
 
     def mask(self, values: Untyped) -> Plain:
@@ -180,10 +177,8 @@ class HandWork:
         with self._saving:
             # Another save of this page may have been at work until now.
             if _stamp_of(self.folder) != self._stamp:
-                raise InputError(
-                    f"{self.folder}: another program changed it; nothing was saved. "
-                    "Start the command again"
-                )
+                hint = "nothing was saved. Start the command again"
+                raise InputError(self.folder, "", "another program changed it", hint)
             is_first = not self.saved
             has_earlier_set = self.folder.exists() and any(self.folder.iterdir())
             # An earlier save that failed may have copied the set already.
@@ -326,10 +321,10 @@ def _names(tiles: Sequence[Untyped]) -> list[str]:
       InputError: without tiles, or for another kind.
     """
     if not tiles:
-        raise InputError("expected at least one tile, got none")
+        raise InputError("", "at least one tile", "none")
     for tile in tiles:
         if tile["kind"] not in KINDS or tile["kind"] == "empty":
-            raise InputError(f"{tile['name']}: expected a kind of tile, got {tile['kind']!r}")
+            raise InputError(tile["name"], "a kind of tile", repr(tile["kind"]))
     fits = [re.fullmatch(rf"{tile['kind']}_\d+", tile["name"]) is not None for tile in tiles]
     counts = Counter(tile["name"] for tile, is_fit in zip(tiles, fits, strict=True) if is_fit)
     names: list[str] = []
@@ -387,5 +382,5 @@ def _pack(mask: NDArray[np.bool_]) -> str:
 def _unpack(text: str, side: int) -> NDArray[np.bool_]:
     packed = np.frombuffer(b64decode(text, validate=True), np.uint8)
     if packed.size != -(-side * side // 8):
-        raise InputError(f"expected a mask of {side} x {side} pixels, got {packed.size} bytes")
+        raise InputError("", f"a mask of {side} x {side} pixels", f"{packed.size} bytes")
     return np.unpackbits(packed, count=side * side).reshape(side, side).astype(np.bool_)

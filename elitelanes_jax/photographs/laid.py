@@ -105,9 +105,7 @@ def turn_to_plan(codes: ArrayLike, plan: ArrayLike) -> int:
             agree[turns] = int((turned == planned).sum())
     if not agree:
         got = f"{planned.shape[0]} x {planned.shape[1]}"
-        raise InputError(
-            f"plan: expected {floor.shape[0]} x {floor.shape[1]} tiles like the floor, got {got}"
-        )
+        raise InputError("plan", f"{floor.shape[0]} x {floor.shape[1]} tiles like the floor", got)
     return max(agree, key=lambda turns: agree[turns])
 
 

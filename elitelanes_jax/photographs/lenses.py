@@ -19,7 +19,7 @@ from elitelanes_jax._util.errors import InputError, brief, list_some, reason
 from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import UserValue
 
-_WORDS = "expected a camera's calibration"
+_EXPECTED = "a camera's calibration"
 # The models of distortion of ROS and of Kalibr, by whether they are OpenCV's model of a fisheye lens.
 _MODELS = {
     "plumb_bob": False,
@@ -59,8 +59,9 @@ class Lens(NamedTuple):
         height, width = image.shape[:2]
         if abs(width * self.height - height * self.width) > 0.01 * width * self.height:
             raise InputError(
-                f"expected a photograph of the camera's ratio {self.width} x {self.height}, "
-                f"got {width} x {height}"
+                "",
+                f"a photograph of the camera's ratio {self.width} x {self.height}",
+                f"{width} x {height}",
             )
         across, down = width / self.width, height / self.height
         # Whole numbers are the centres of pixels. Therefore a scale also shifts by a part of a
@@ -122,8 +123,10 @@ def read_lens(file: str | Path) -> Lens:
     cameras = [name for name in values if name.startswith("cam") and name[3:].isdigit()]
     if len(cameras) > 1:
         raise InputError(
-            f"{file}: expected one camera, got {list_some(cameras, _MOST_NAMED)}; "
-            "keep the one that took the photographs"
+            file,
+            "one camera",
+            list_some(cameras, _MOST_NAMED),
+            "keep the one that took the photographs",
         )
     if cameras:
         return _read_kalibr(file, cameras[0], values[cameras[0]])
@@ -131,10 +134,8 @@ def read_lens(file: str | Path) -> Lens:
         if names.matrix in values:
             return _read_ros(file, values, names)
     listed = list_some([str(brief(name, 30)) for name in values], _MOST_NAMED) or "none"
-    raise InputError(
-        f"{file}: {_WORDS}: camera_matrix of ROS or OpenCV, K of CameraInfo, or cam0 of Kalibr, "
-        f"got {listed}"
-    )
+    entries = "camera_matrix of ROS or OpenCV, K of CameraInfo, or cam0 of Kalibr"
+    raise InputError(file, f"{_EXPECTED}: {entries}", listed)
 
 
 def _read_values(file: Path) -> dict[str, UserValue]:
@@ -142,23 +143,22 @@ def _read_values(file: Path) -> dict[str, UserValue]:
     try:
         text = read_text(file, MIB)
     except OSError as error:
-        raise InputError(f"{file}: {_WORDS}, got: {reason(error)}") from None
+        raise InputError(file, _EXPECTED, reason(error)) from None
     except UnicodeDecodeError:
-        raise InputError(f"{file}: {_WORDS} in YAML, got another file") from None
+        raise InputError(file, f"{_EXPECTED} in YAML", "another file") from None
     start = text.lstrip()
     if start.startswith("<"):
-        raise InputError(f"{file}: {_WORDS} in YAML, got XML; save it as .yml with OpenCV")
+        raise InputError(file, f"{_EXPECTED} in YAML", "XML", "save it as .yml with OpenCV")
     if start.startswith(("# oST", "[")):
-        raise InputError(
-            f"{file}: {_WORDS} in YAML, got an INI file; name the .yaml file next to it"
-        )
+        hint = "name the .yaml file next to it"
+        raise InputError(file, f"{_EXPECTED} in YAML", "an INI file", hint)
     # OpenCV begins its files with a line that is no YAML.
     text = text.removeprefix("%YAML:1.0")
     try:
         # Messages that ROS prints are documents, one after another.
         values = next(yaml.load_all(text, _Loader), None)
     except (yaml.YAMLError, ValueError, RecursionError):
-        raise InputError(f"{file}: {_WORDS} in YAML, got another file") from None
+        raise InputError(file, f"{_EXPECTED} in YAML", "another file") from None
     if not isinstance(values, dict):
         return {}
     return {str(name).lower(): value for name, value in values.items()}
@@ -176,7 +176,7 @@ def _read_ros(file: Path, values: dict[str, UserValue], names: _Names) -> Lens:
     matrix = _numbers(file, names.matrix, values[names.matrix], (9,)).reshape(3, 3)
     if not np.array_equal(matrix[2], (0, 0, 1)):
         got = ", ".join(f"{number:g}" for number in matrix[2])
-        raise InputError(f"{file}: {names.matrix}: expected a last row of 0, 0, 1, got {got}")
+        raise InputError(f"{file}: {names.matrix}", "a last row of 0, 0, 1", got)
     _check_focal_lengths(file, names.matrix, matrix)
     # OpenCV's model of a fisheye lens has four coefficients. Its other model has any of these
     # numbers.
@@ -193,7 +193,7 @@ def _check_whole_sensor(file: Path, roi: UserValue, size: tuple[int, int]) -> No
     # Sides of 0 mean the whole sensor.
     if part[:2] != [0, 0] or part[2:] not in ([0, 0], [*size]):
         raise InputError(
-            f"{file}: roi: expected pictures of the whole sensor, got a part of it, {brief(part)}"
+            f"{file}: roi", "pictures of the whole sensor", f"a part of it, {brief(part)}"
         )
 
 
@@ -221,7 +221,7 @@ def _read_kalibr(file: Path, name: str, camera: UserValue) -> Lens:
 def _model(file: Path, name: str, model: UserValue, known: dict[str, bool]) -> bool:
     """Returns what is known of the model that a file names."""
     if not isinstance(model, str) or model not in known:
-        raise InputError(f"{file}: {name}: expected {' or '.join(known)}, got {brief(model)}")
+        raise InputError(f"{file}: {name}", " or ".join(known), brief(model))
     return known[model]
 
 
@@ -231,7 +231,7 @@ def _size(file: Path, names: _Names, *sides: UserValue) -> tuple[int, int]:
     numbers = [number for side in sides if (number := _number(side)) is not None]
     if len(numbers) != 2 or not all(_is_side(number) for number in numbers):
         got = f"{brief(sides[0])} and {brief(sides[1])}"
-        raise InputError(f"{file}: expected {names.width} and {names.height} in pixels, got {got}")
+        raise InputError(file, f"{names.width} and {names.height} in pixels", got)
     width, height = map(int, numbers)
     return width, height
 
@@ -243,7 +243,7 @@ def _is_side(number: float) -> bool:
 def _check_focal_lengths(file: Path, name: str, matrix: NDArray[np.float64]) -> None:
     if not (matrix.diagonal()[:2] > 0).all():
         got = f"{matrix[0, 0]:g} and {matrix[1, 1]:g}"
-        raise InputError(f"{file}: {name}: expected focal lengths over 0, got {got}")
+        raise InputError(f"{file}: {name}", "focal lengths over 0", got)
 
 
 def _numbers(
@@ -254,7 +254,7 @@ def _numbers(
     numbers = [_number(part) for part in data] if isinstance(data, list) else []
     if len(numbers) not in lengths or None in numbers:
         listed = " or ".join(map(str, lengths))
-        raise InputError(f"{file}: {name}: expected a list of {listed} numbers")
+        raise InputError(f"{file}: {name}", f"a list of {listed} numbers", brief(data, 40))
     return np.array(numbers, np.float64)
 
 

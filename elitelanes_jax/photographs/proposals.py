@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, floor_shape, instance
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.photographs._borders import contrasts
 from elitelanes_jax.photographs._cells import fitted_cells, guessed_cells
@@ -156,15 +156,15 @@ def propose_tiles(
         starts += _starts(image, quad, shape, codes, tiles, corners is None)
     if not quads:
         raise InputError(
-            f"{photograph.name}: expected tiles that stand out from the floor, found none; "
-            "give their corners, or "
-            "photograph them on a floor of another colour"
+            photograph.name,
+            "tiles that stand out from the floor",
+            "none",
+            "give their corners, or photograph them on a floor of another colour",
         )
     if not starts:
         floor = f"{shape[0]} x {shape[1]} road tiles"
-        raise InputError(
-            f"{photograph.name}: expected {floor}, found none; check the size, and give the corners"
-        )
+        hint = "check the size, and give the corners"
+        raise InputError(photograph.name, floor, "none", hint)
     if codes is None and _is_grey(image):
         _check_grey_tiles(photograph, tiles)
     # The user's corners replace this evidence, see `judge`.
@@ -225,8 +225,9 @@ def _check_grey_tiles(photograph: Photograph, tiles: TileSet) -> None:
     """
     if not all(_is_grey(tile.image) for tile in tiles.tiles):
         raise InputError(
-            f"{photograph.name}: expected a photograph in colours, "
-            "which tell crossings from straights, got a grey one"
+            photograph.name,
+            "a photograph in colours, which tell crossings from straights",
+            "a grey one",
         )
 
 
@@ -258,9 +259,9 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
     points = np.asarray(corners, np.float64)
     name = f"{photograph.name}: corners"
     if points.shape != (4, 2):
-        raise InputError(f"{name}: expected four points x, y, got {list(points.shape)}")
+        raise InputError(name, "four points x, y", list(points.shape))
     if not np.isfinite(points).all():
-        raise InputError(f"{name}: expected finite numbers, got {points.tolist()}")
+        raise InputError(name, "finite numbers", shorten(str(points.tolist())))
     height, width = photograph.image.shape[:2]
     # Corners may be outside of the photograph by 2 % of its width.
     outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
@@ -268,18 +269,16 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
         size = f"{width} x {height} pixels"
         if photograph.shrunk > 1:
             size += f" at 1/{photograph.shrunk} of the file's size"
-        raise InputError(f"{name}: expected points in the photograph, {size}")
+        raise InputError(name, f"points in the photograph, {size}", shorten(str(points.tolist())))
     x, y = points.T
     # In pixels, whose y points down, corners in clockwise order have a positive area.
     area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
     if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
         raise InputError(
-            f"{name}: expected the corners of a convex area in order around it, got lines that cross"
+            name, "the corners of a convex area in order around it", "lines that cross"
         )
     if area < 0:
-        raise InputError(
-            f"{name}: expected them clockwise, as in the photograph, got them counter-clockwise"
-        )
+        raise InputError(name, "them clockwise, as in the photograph", "them counter-clockwise")
     return points
 
 

@@ -56,7 +56,7 @@ class Photograph(NamedTuple):
             try:
                 lens = lens.scaled(sensor)
             except InputError as error:
-                raise InputError(f"{file}: {error}") from None
+                raise error.within(file) from None
             sensor = lens.straighten_image(sensor)
         turn = Turn.of_exif(exif)
         return Photograph(str(file), turn.picture(sensor), shrunk, lens, turn)

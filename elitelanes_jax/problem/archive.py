@@ -132,34 +132,25 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
     """Raises what `insert` raises for what is offered to an archive."""
     if np.shape(niche)[-1:] != found.fitness.shape:
         raise InputError(
-            f"niche: expected {len(found.fitness)} indices, one for each grid, "
-            f"got {list(np.shape(niche))}"
+            "niche", f"{len(found.fitness)} indices, one for each grid", list(np.shape(niche))
         )
     if not isinstance(niche, jax.core.Tracer) and np.size(niche):
         lowest, highest, niches = np.min(niche), np.max(niche), archive.fitness.size
         if not 0 <= lowest <= highest < niches:
-            raise InputError(
-                f"niche: expected indices 0 to {niches - 1}, got {lowest} to {highest}"
-            )
+            raise InputError("niche", f"indices 0 to {niches - 1}", f"{lowest} to {highest}")
     if found.fitness.dtype != archive.fitness.dtype:
         raise InputError(
-            f"found: expected a fitness of {archive.fitness.dtype}, as in the archive, "
-            f"got {found.fitness.dtype}"
+            "found", f"a fitness of {archive.fitness.dtype}, as in the archive", found.fitness.dtype
         )
     for part in ("grids", "features"):
         expected, got = list(getattr(archive, part).shape[1:]), list(getattr(found, part).shape[1:])
         if got != expected:
-            raise InputError(
-                f"found: expected {part} of shape {expected} each, as in the archive, got {got}"
-            )
+            raise InputError("found", f"{part} of shape {expected} each, as in the archive", got)
         # A single grid would be broadcast to all slots.
         for name, population in (("archive", archive), ("found", found)):
             slots, rows = population.fitness.size, len(getattr(population, part))
             if rows != slots:
-                raise InputError(
-                    f"{name}: expected {part} of {pluralize(slots, 'slot')}, as of fitness, "
-                    f"got {rows}"
-                )
+                raise InputError(name, f"{part} of {pluralize(slots, 'slot')}, as of fitness", rows)
 
 
 @name_wrong_arguments
@@ -185,7 +176,5 @@ def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
     valid = np.atleast_1d(np.asarray(valid, bool))
     feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)
     if feasible.shape != valid.shape[-1:]:
-        raise InputError(
-            f"feasible: expected bool [{valid.shape[-1]}], got shape {list(feasible.shape)}"
-        )
+        raise InputError("feasible", f"bool [{valid.shape[-1]}]", f"shape {list(feasible.shape)}")
     return (valid & feasible).sum(axis=-1) / max(1, int(feasible.sum()))

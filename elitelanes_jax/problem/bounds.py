@@ -231,10 +231,7 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
             bounds = _narrowed(_with_inequalities(bounds, inequalities))
         except _ContradictionError as error:
             expected = f"a range that {ranged_maps} can be in"
-            raise InputError(
-                f"where {str(item)!r}: expected {expected}, got one where {error}",
-                subject=f"where {item.name}",
-            ) from None
+            raise InputError(f"where {item.name}", expected, f"{item}, where {error}") from None
         conjunction = "with" if ranged_maps == maps else "and"
         ranged_maps += f" {conjunction} {item}"
 
@@ -281,8 +278,7 @@ def _check_range(item: Range, bounds: FeatureBounds, maps: str, *, asks_for_gaps
     if bounds.has_no_gaps and depends_on_gaps:
         unless = " unless rules, an inventory or fixed cells leave cells empty"
     raise InputError(
-        f"where {str(item)!r}: expected a range with {expected}, which {maps} have{unless}",
-        subject=f"where {item.name}",
+        f"where {item.name}", f"a range with {expected}, which {maps} have{unless}", str(item)
     )
 
 
@@ -307,8 +303,8 @@ def check_feasible(
         # beside and above them. So does the last row: every map has all four turns.
         missing_turns = set(KINDS["turn"]) - codes
         if missing_turns:
-            expected = f"alphabet: expected the turns {KINDS['turn']}, which every map has"
-            raise InputError(f"{expected}, got no {min(missing_turns)}", subject="alphabet")
+            expected = f"the turns {KINDS['turn']}, which every map has"
+            raise InputError("alphabet", expected, f"no {min(missing_turns)}")
         lacking_kinds = [kind for kind in COUNTED if codes.isdisjoint(KINDS[kind])]
     if fix is not None:
         _check_fixed(fix, rules)
@@ -351,15 +347,13 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
     if ends:
         row, column = ends[0]
         got = f"code {fix.grid[row, column]} at {describe_cell(row, column)}"
-        raise InputError(f"fix: expected cells without dead ends, got {got}", subject="fix")
+        raise InputError("fix", "cells without dead ends", got)
     if rules is not None:
         metrics = plain_measure(fix.grid)
         for name in RULES[rules].forbidden:
             if metrics[name]:
                 raise InputError(
-                    f"fix: expected cells that keep the rules of {rules}, "
-                    f"got {name} {metrics[name]}",
-                    subject="fix",
+                    "fix", f"cells that keep the rules of {rules}", f"{name} {metrics[name]}"
                 )
 
 
@@ -382,10 +376,7 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
     if filled and dead_ends:
         expected = "two neighbours for a road in every free cell"
         hint = "with rules, an inventory or a style such as town it may stay empty"
-        raise InputError(
-            f"fix: expected {expected}, got one at {describe_cell(*dead_ends[0])}; {hint}",
-            subject="fix",
-        )
+        raise InputError("fix", expected, f"one at {describe_cell(*dead_ends[0])}", hint)
     # What remains after all dead ends are cut are loops and the ways between them. A cell that
     # needs a road has to be among these.
     _cut_dead_ends(ways, dead_ends)
@@ -394,14 +385,12 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
     if starts:
         reachable = _reachable(ways, starts[0])
     if not reachable:
-        raise InputError(
-            "fix: expected cells that leave room for a loop of roads, got none", subject="fix"
-        )
+        raise InputError("fix", "cells that leave room for a loop of roads", "none")
     for cell in needed:
         if cell not in reachable:
             expected = "cells whose roads can be connected"
             got = f"no way from {describe_cell(*needed[0])} to {describe_cell(*cell)}"
-            raise InputError(f"fix: expected {expected}, got {got}", subject="fix")
+            raise InputError("fix", expected, got)
 
 
 def _cut_dead_ends(ways: dict[_Cell, set[_Cell]], dead_ends: list[_Cell]) -> None:

@@ -127,13 +127,13 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
         checked = tuple(_check_axis(axis, features) for axis in axes)
     except TypeError:
         got = shorten(repr(axes))
-        raise InputError(f"axes: expected axes such as 'straight_share:10', got {got}") from None
+        raise InputError("axes", "axes such as 'straight_share:10'", got) from None
     if not checked:
-        raise InputError("axes: expected at least one axis, got none")
+        raise InputError("axes", "at least one axis", "none")
     check_unique("axes", "metric", [axis.metric for axis in checked])
     niches = prod(axis.bins for axis in checked)
     if niches > MOST_NICHES:
-        raise InputError(f"axes: expected at most {MOST_NICHES:,} niches, got {niches:,}")
+        raise InputError("axes", f"at most {MOST_NICHES:,} niches", f"{niches:,}")
     return checked
 
 
@@ -163,22 +163,19 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """
     check_named("axes", listed(Axis), axes)
     if not axes:
-        raise InputError("axes: expected at least one, got none")
+        raise InputError("axes", "at least one", "none")
     for axis in axes:
         if axis.bins < 1 or axis.width < 1:
             got = f"{axis.bins} of width {axis.width}"
             raise InputError(
-                f"axes {axis.metric!r}: expected at least one bin, of a width of at least 1, "
-                f"got {got}"
+                f"axes {axis.metric!r}", "at least one bin, of a width of at least 1", got
             )
     if np.shape(descriptor)[-1:] != (len(axes),):
-        raise InputError(
-            f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}"
-        )
+        raise InputError("descriptor", f"shape [..., {len(axes)}]", list(np.shape(descriptor)))
     if not hasattr(descriptor, "dtype"):
         descriptor = np.asarray(descriptor)
     if descriptor.dtype.kind not in "iu":
-        raise InputError(f"descriptor: expected whole numbers, got {descriptor.dtype}")
+        raise InputError("descriptor", "whole numbers", descriptor.dtype)
     # The arrays of axes get as many axes as the descriptor, see `xla.align`.
     aligned = (1,) * (np.ndim(descriptor) - 1) + (-1,)
     last = np.array([axis.bins - 1 for axis in axes], np.uint32).reshape(aligned)
@@ -217,9 +214,8 @@ def _axis_of(name: UserValue, bins: UserValue) -> Axis:
 def _parse_axis(text: str) -> Axis:
     parsed = _AXIS_TEXT.fullmatch(text)
     if parsed is None:
-        raise InputError(
-            f"axes {text!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more"
-        )
+        expected = "NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more"
+        raise InputError(f"axes {text!r}", expected)
     name, bins, width = parsed.groups()
     return Axis(name, int(bins), int(width or 0))
 
@@ -231,9 +227,7 @@ def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
     elif isinstance(value, Mapping) and "metric" in value and set(value) <= set(Axis._fields):
         axis = Axis(**value)
     if not isinstance(axis, Axis):
-        raise InputError(
-            f"axes: expected axes such as 'straight_share:10', got {shorten(repr(value))}"
-        )
+        raise InputError("axes", "axes such as 'straight_share:10'", shorten(repr(value)))
     source = f"axes {value!r}" if isinstance(value, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
     # JSON takes no numbers of NumPy.
@@ -268,10 +262,10 @@ def _check_numbers(source: str, axis: Axis) -> None:
             ]
         )
         expected = "whole numbers, at least one bin and no negative width"
-        raise InputError(f"{source}: expected {expected}, got {got}")
+        raise InputError(source, expected, got)
     largest = max(abs(bins), abs(width), abs(start))
     if largest > LARGEST:
-        raise InputError(f"{source}: expected numbers of at most {LARGEST:,}, got {largest:,}")
+        raise InputError(source, f"numbers of at most {LARGEST:,}", f"{largest:,}")
     if target is not None and not (is_whole(target) and 0 <= target < bins):
         got = shorten(repr(target))
-        raise InputError(f"{source}: expected target to be a bin, 0 to {bins - 1}, got {got}")
+        raise InputError(source, f"target to be a bin, 0 to {bins - 1}", got)

@@ -64,8 +64,7 @@ def feature_range(name: str) -> tuple[float, float]:
     """
     if check_feature("name", name) in TOWN_FEATURES:
         raise InputError(
-            f"name: expected a metric or a share, got {name!r}, a town feature, "
-            "whose range is not known"
+            "name", "a metric or a share", f"{name!r}, a town feature, whose range is not known"
         )
     values = [features[name] for _, features in _measured()]
     return min(values), max(values)

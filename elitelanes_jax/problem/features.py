@@ -132,10 +132,12 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
     known = tuple(dict.fromkeys([*FEATURES, *TOWN_FEATURES, *(features or ())]))
     # A comparison of an array with texts raises an error of NumPy.
     if not isinstance(name, str) or name not in known:
+        explanation = f"elitelanes metrics explains all: {', '.join(known)}"
         raise InputError(
-            f"{source}: expected a metric, or a share such as straight_share, "
-            f"got {shorten(repr(name), 40)}{suggest(name, known)} "
-            f"(elitelanes metrics explains all: {', '.join(known)})"
+            source,
+            "a metric, or a share such as straight_share",
+            shorten(repr(name), 40),
+            " ".join(filter(None, (suggest(name, known), explanation))),
         )
     return name
 
@@ -143,17 +145,17 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
 def check_features(features: UserValue) -> tuple[str, ...]:
     """Checks the names of the user's own features, which no other feature may have."""
     if isinstance(features, str) or not isinstance(features, Iterable):
-        raise InputError(f"features: expected names, got {shorten(repr(features))}")
+        raise InputError("features", "names", shorten(repr(features)))
     listed = [check_named("features", nonblank, name) for name in features]
     names = check_unique("features", "name", listed)
     taken = {*FEATURES, *TOWN_FEATURES, "constant"}
     for name in names:
         if not name.isidentifier():
             expected = "names of letters, digits and _"
-            raise InputError(f"features: expected {expected}, got {shorten(repr(name), 40)}")
+            raise InputError("features", expected, shorten(repr(name), 40))
         if name in taken:
             expected = "names that no built-in feature has"
-            raise InputError(f"features: expected {expected}, got {name!r}")
+            raise InputError("features", expected, repr(name))
     return tuple(names)
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int, Int8
 
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import is_whole, path
-from elitelanes_jax._util.errors import InputError, reason, shorten
+from elitelanes_jax._util.errors import InputError, brief, reason, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -72,24 +72,20 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
         rows = [list(row) for row in cells]
     except TypeError:
         got = shorten(reprlib.repr(cells))
-        raise InputError(
-            f"{name}: expected rows of tile codes, or null for free cells, got {got}"
-        ) from None
+        raise InputError(name, "rows of tile codes, or null for free cells", got) from None
     lengths = sorted({len(row) for row in rows})
     if len(lengths) != 1:
         got = f"{len(rows)} rows of {shorten(' or '.join(map(str, lengths)) or '0')}"
-        raise InputError(f"{name}: expected rows of one length, got {got}")
+        raise InputError(name, "rows of one length", got)
     try:
         shape = check_shape((len(rows), lengths[0]), new=True)
     except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+        raise error.within(name) from None
     for row, column in np.ndindex(*shape):
         code = rows[row][column]
         if code is not None and not (is_whole(code) and 0 <= code <= 15):
             got = f"{shorten(reprlib.repr(code))} at {describe_cell(row, column)}"
-            raise InputError(
-                f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}"
-            )
+            raise InputError(name, "tile codes 0 to 15, or null for a free cell", got)
     codes = np.array([[-1 if code is None else code for code in row] for row in rows], int)
     _check_sides(name, codes)
     return FixedCells(shape, tuple(None if code < 0 else code for code in codes.ravel().tolist()))
@@ -99,21 +95,21 @@ def check_fits(cells: FixedCells, shape: tuple[int, int]) -> None:
     """Raises `InputError` for fixed cells of grids of another shape."""
     if cells.shape != shape:
         expected, got = "{} x {}".format(*shape), "{} x {}".format(*cells.shape)
-        raise InputError(f"fix: expected cells of a map of {expected}, got {got}", subject="fix")
+        raise InputError("fix", f"cells of a map of {expected}", got)
 
 
 def _read_rows(file: str | Path) -> Plain:
     try:
         content = read_json(file)
     except OSError as error:
-        raise InputError(f"{file}: {reason(error)}") from None
+        raise InputError(file, "", reason(error)) from None
     except (ValueError, RecursionError) as error:
         # The file is no text, no JSON, or has a number with too many digits.
-        raise InputError(f"{file}: expected JSON, got: {error}") from None
+        raise InputError(file, "JSON", error) from None
     if isinstance(content, dict) and "codes" in content:
         content = content["codes"]
     if not isinstance(content, list):
-        raise InputError(f"{file}: expected rows of tile codes, or null for free cells")
+        raise InputError(file, "rows of tile codes, or null for free cells", brief(content))
     return content
 
 
@@ -137,4 +133,4 @@ def _check_sides(name: str, codes: Int[np.ndarray, "H W"]) -> None:
                 expected = "fixed neighbours to agree"
                 neighbour = describe_cell(next_row, next_column)
                 got = f"a road to the {position} that {neighbour} does not return"
-            raise InputError(f"{name}: expected {expected}, got {got}")
+            raise InputError(name, expected, got)

@@ -28,13 +28,13 @@ def parse_numbers(
     or a name that comes twice.
     """
     names = list(known)
-    expected = f"{option}: expected NAME=N with one of {', '.join(names)}"
+    expected = f"NAME=N with one of {', '.join(names)}"
     if isinstance(numbers, str):
         numbers = split_settings(numbers)
     if isinstance(numbers, Mapping):
         numbers = numbers.items()
     if not isinstance(numbers, Iterable):
-        raise InputError(f"{expected}, got {shorten(repr(numbers))}")
+        raise InputError(option, expected, shorten(repr(numbers)))
     check = whole(least)
     checked: list[tuple[str, int]] = []
     for pair in numbers:
@@ -42,11 +42,11 @@ def parse_numbers(
             name, number = _split_pair(pair)
         except (TypeError, ValueError):
             # The value cannot be unpacked, or has not two parts.
-            raise InputError(f"{expected}, got {shorten(repr(pair))}") from None
+            raise InputError(option, expected, shorten(repr(pair))) from None
         if isinstance(name, str):
             name = name.strip()
         if not isinstance(name, str) or name not in names:
-            raise InputError(f"{expected}, got {shorten(repr(name), 40)}{suggest(name, names)}")
+            raise InputError(option, expected, shorten(repr(name), 40), suggest(name, names))
         checked.append((name, check_named(f"{option} {name}", check, number)))
     check_unique(option, "name", [name for name, _ in checked])
     return tuple(checked)
@@ -78,7 +78,7 @@ def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
         inventory = read_toml(inventory[0], f"inventory: {inventory[0]}")
     counts = dict(parse_numbers("inventory", COUNTED, inventory, least=0))
     if not any(counts.values()):
-        raise InputError(f"inventory: expected tiles, {', '.join(COUNTED)}, got none")
+        raise InputError("inventory", f"tiles, {', '.join(COUNTED)}", "none")
     return tuple((kind, counts.get(kind, 0)) for kind in COUNTED)
 
 

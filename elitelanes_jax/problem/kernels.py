@@ -50,7 +50,8 @@ with any other value, such as NaN, is refused, see `road_problem`.
 
 # The arguments that a fitness may have.
 _ARGUMENTS = ("metrics", "features", "grid", "usual")
-_SCALAR = "an integer or float scalar"
+_RETURNS_SCALAR = "to return an integer or float scalar"
+_RETURNS_INTEGER = "to return an integer scalar"
 
 
 def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
@@ -61,21 +62,20 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
     if features is None:
         return {}
     if not isinstance(features, Mapping):
-        raise InputError(f"features: expected kernels by name, got {shorten(repr(features))}")
+        raise InputError("features", "kernels by name", shorten(repr(features)))
     check_features(features)
     for name, kernel in features.items():
         if not callable(kernel):
             raise InputError(
-                f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}"
+                "features", f"{name} to be a function of a grid", shorten(repr(kernel))
             )
         check_named(f"features: {name}", function_of("grid"), kernel)
-        expected = f"features: expected {name}"
         # JAX traces the kernel with a shape and a dtype alone, so nothing is computed.
         grid = jax.ShapeDtypeStruct(shape, jnp.int8)
-        result = _trace_shapes(expected, partial(_apply_kernel, name, kernel), grid)
+        result = _trace_shapes("features", name, partial(_apply_kernel, name, kernel), grid)
         is_array = hasattr(result, "dtype")
         if not is_array or result.shape or not jnp.issubdtype(result.dtype, jnp.integer):
-            raise InputError(f"{expected} to return an integer scalar, got {_described(result)}")
+            raise InputError("features", f"{name} {_RETURNS_INTEGER}", _described(result))
     return dict(features)
 
 
@@ -88,22 +88,20 @@ def check_fitness(
     """
     if not callable(fitness):
         expected = "a function of metrics, features, grid or usual"
-        raise InputError(f"fitness: expected {expected}, got {shorten(repr(fitness))}")
+        raise InputError("fitness", expected, shorten(repr(fitness)))
     for argument in arguments_of(fitness):
         if argument not in _ARGUMENTS:
             names = ", ".join(_ARGUMENTS)
-            raise InputError(f"fitness: expected arguments among {names}, got {argument!r}")
+            raise InputError("fitness", f"arguments among {names}", repr(argument))
     height, width = shape
     grids = jax.ShapeDtypeStruct((1, height, width), jnp.int8)
     features = jax.ShapeDtypeStruct((1, len(feature_names)), jnp.int32)
     usual = jax.ShapeDtypeStruct((1,), jnp.int32)
     apply = partial(apply_fitness, fitness, feature_names)
-    result = _trace_shapes("fitness: expected", apply, grids, features, usual)
+    result = _trace_shapes("fitness", "it", apply, grids, features, usual)
     is_scalar = getattr(result, "shape", None) == (1,)
     if not is_scalar or not jnp.issubdtype(result.dtype, jnp.number) or result.dtype.kind == "c":
-        raise InputError(
-            f"fitness: expected it to return {_SCALAR}, got {_described(result, batch=1)}"
-        )
+        raise InputError("fitness", f"it {_RETURNS_SCALAR}", _described(result, batch=1))
     return fitness
 
 
@@ -131,7 +129,7 @@ def apply_fitness(
             "usual": usual,
         }
         arguments = {name: known[name] for name in names}
-        total = _as_array(f"fitness: expected it to return {_SCALAR}", fitness(**arguments))
+        total = _as_array("fitness", f"it {_RETURNS_SCALAR}", fitness(**arguments))
         if jnp.issubdtype(total.dtype, jnp.floating):
             return total.astype(jnp.float32)
         if jnp.issubdtype(total.dtype, jnp.integer):
@@ -188,9 +186,7 @@ def with_town_features(
         if name in METRIC_NAMES or name in measured:
             continue
         if name not in TOWN_FEATURES:
-            raise InputError(
-                f"{source}: expected features that the search has measured, got {name}"
-            )
+            raise InputError(source, "features that the search has measured", name)
         missing.append(name)
     if missing:
         columns = _measure_in_batches(np.asarray(grids), tuple(missing))
@@ -207,7 +203,7 @@ _BATCH = 256
 def _measure_in_batches(grids: AnyArray, names: tuple[str, ...]) -> NDArray[np.int32]:
     """Measures town features of grids ``[..., H, W]``; returns int32 ``[..., K]``."""
     if grids.ndim < 2:
-        raise InputError(f"grids: expected [..., H, W], got shape {list(grids.shape)}")
+        raise InputError("grids", "[..., H, W]", f"shape {list(grids.shape)}")
     height, width = grids.shape[-2:]
     flat = grids.reshape(-1, height, width)
     # Empty grids fill up the last batch.
@@ -225,10 +221,10 @@ def _measure(grids: Int8[Array, "P H W"], names: tuple[str, ...]) -> Int32[Array
 
 
 def _apply_kernel(name: str, kernel: Kernel, grid: Int8[Array, "H W"]) -> AnyArray:
-    return _as_array(f"features: expected {name} to return an integer scalar", kernel(grid))
+    return _as_array("features", f"{name} {_RETURNS_INTEGER}", kernel(grid))
 
 
-def _as_array(expected: str, value: UserValue) -> AnyArray:
+def _as_array(subject: str, expected: str, value: UserValue) -> AnyArray:
     """Returns a user's value as an array.
 
     Whole numbers of NumPy stay as they are, because JAX would cut off upper bits.
@@ -238,7 +234,7 @@ def _as_array(expected: str, value: UserValue) -> AnyArray:
     try:
         return jnp.asarray(value)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{expected}, got {shorten(repr(value), 60)}") from None
+        raise InputError(subject, expected, shorten(repr(value), 60)) from None
 
 
 def _clipped(value: Integer[Array | np.ndarray | np.generic, ""]) -> Int32[Array, ""]:
@@ -257,13 +253,13 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
             raise TypeError("positional only")
     except (TypeError, ValueError):
         raise InputError(
-            f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}"
+            "fitness", "a function with named arguments", shorten(repr(fitness))
         ) from None
     return tuple(parameter.name for parameter in parameters if parameter.default is Parameter.empty)
 
 
 def _trace_shapes(
-    expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct
+    subject: str, name: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct
 ) -> Pytree:
     """Returns the shapes and dtypes that a user's function returns.
 
@@ -272,9 +268,8 @@ def _trace_shapes(
     try:
         return jax.eval_shape(function, *arguments)
     except (jax.errors.JAXTypeError, jax.errors.JAXIndexError) as error:
-        raise InputError(
-            f"{expected} to be a function that JAX can trace, got: {shorten(str(error), 160)}"
-        ) from None
+        expected = f"{name} to be a function that JAX can trace"
+        raise InputError(subject, expected, shorten(str(error), 160)) from None
 
 
 def _described(result: Pytree, batch: int = 0) -> str:

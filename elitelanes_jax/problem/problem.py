@@ -137,7 +137,7 @@ class Problem:
           InputError: if there are no axes.
         """
         if not self.axes:
-            raise InputError("axes: expected a problem with at least one axis, got none")
+            raise InputError("axes", "a problem with at least one axis", "none")
         return prod(axis.bins for axis in self.axes)
 
     @runs_jax
@@ -155,7 +155,7 @@ class Problem:
         holds_vacant = is_float or (is_integer and jnp.iinfo(fitness_dtype).max >= VACANT)
         if not holds_vacant:
             expected = "that of a fitness, int32 or float32"
-            raise InputError(f"dtype: expected {expected}, got {fitness_dtype}")
+            raise InputError("dtype", expected, fitness_dtype)
         height, width = self.shape
         return Population(
             grids=jnp.zeros((slots, height, width), jnp.int8),
@@ -193,7 +193,7 @@ class Problem:
         initial_count = len(self.initial)
         if initial_count > count:
             expected = f"at most {count} grids, the number a run starts from"
-            raise InputError(f"initial: expected {expected}, got {initial_count}")
+            raise InputError("initial", expected, initial_count)
         return grids.at[:initial_count].set(jnp.asarray(self.initial, jnp.int8))
 
     def drawn(self, count: int) -> Bool[np.ndarray, " count"]:
@@ -218,7 +218,7 @@ class Problem:
         columns = len(self.feature_names)
         if np.shape(features)[-1:] != (columns,):
             got = list(np.shape(features))
-            raise InputError(f"features: expected shape [..., {columns}], got {got}")
+            raise InputError("features", f"shape [..., {columns}]", got)
         return compute_descriptor(features, self.feature_names, self.axes)
 
     @runs_jax
@@ -247,7 +247,7 @@ def _check_axes_are_features(axes: tuple[Axis, ...], names: tuple[str, ...]) -> 
         if axis.metric not in known:
             hint = suggest(axis.metric, known)
             expected = f"features of the problem, {', '.join(names)}"
-            raise InputError(f"axes: expected {expected}, got {axis.metric}{hint}")
+            raise InputError("axes", expected, axis.metric, hint)
 
 
 def _copy_of(array: UserValue) -> UserValue:
@@ -265,9 +265,9 @@ def _check_fixed(fixed: UserValue, shape: tuple[int, int]) -> None:
         array = fixed if hasattr(fixed, "dtype") else np.asarray(fixed)
     except ValueError:
         # The rows have several lengths.
-        raise InputError(f"expected {expected}, got {shorten(repr(fixed))}") from None
+        raise InputError("", expected, shorten(repr(fixed))) from None
     if array.dtype != np.bool_ or array.shape != shape:
-        raise InputError(f"expected {expected}, got {shorten(repr(fixed))}")
+        raise InputError("", expected, shorten(repr(fixed)))
 
 
 def _check_initial(initial: UserValue, shape: tuple[int, int]) -> None:
@@ -276,15 +276,15 @@ def _check_initial(initial: UserValue, shape: tuple[int, int]) -> None:
     try:
         array = initial if hasattr(initial, "dtype") else jnp.asarray(initial)
     except (OverflowError, TypeError, ValueError):
-        raise InputError(f"expected {expected}, got {shorten(repr(initial))}") from None
+        raise InputError("", expected, shorten(repr(initial))) from None
     has_shape = array.ndim == 3 and array.shape[1:] == shape
     if not has_shape or not jnp.issubdtype(array.dtype, jnp.integer):
-        raise InputError(f"expected {expected}, got {array.dtype} {list(array.shape)}")
+        raise InputError("", expected, f"{array.dtype} {list(array.shape)}")
     if isinstance(array, jax.core.Tracer):
         return
     codes = np.asarray(array)
     if codes.size and not 0 <= codes.min() <= codes.max() <= 15:
-        raise InputError(f"expected tile codes 0 to 15, got {codes.min()} to {codes.max()}")
+        raise InputError("", "tile codes 0 to 15", f"{codes.min()} to {codes.max()}")
 
 
 def _to_alphabet(

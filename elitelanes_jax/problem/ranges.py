@@ -73,7 +73,7 @@ def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tup
     elif isinstance(where, Iterable):
         ranges = [_read_range(item, features) for item in where]
     else:
-        raise InputError(f"where: expected ranges such as ['crossings=6..10'], got {where!r}")
+        raise InputError("where", "ranges such as ['crossings=6..10']", repr(where))
     check_unique("where", "feature", [item.name for item in ranges])
     return tuple(ranges)
 
@@ -195,7 +195,7 @@ def _read_range(item: UserValue, features: Collection[str] | None) -> Range:
 def _parse(text: UserValue, features: Collection[str] | None) -> Range:
     source = f"where {text!r}"
     if not isinstance(text, str) or "=" not in text:
-        raise InputError(f"{source}: expected NAME=LOW..HIGH, such as crossings=6..10")
+        raise InputError(source, "NAME=LOW..HIGH, such as crossings=6..10")
     name, _, limits = text.partition("=")
     return _range(source, name.strip(), limits.strip(), features)
 
@@ -210,14 +210,14 @@ def _range(
     elif not isinstance(limits, tuple | list):
         limits = (limits, limits)
     if len(limits) != 2:
-        raise InputError(f"{source}: expected a number or two limits, got {shorten(repr(limits))}")
+        raise InputError(source, "a number or two limits", shorten(repr(limits)))
     low = _limit(source, name, limits[0])
     high = _limit(source, name, limits[1])
     if low is None and high is None:
-        raise InputError(f"{source}: expected at least one limit, got none")
+        raise InputError(source, "at least one limit", "none")
     if low is not None and high is not None and low > high:
         got = f"{_format(low)} before {_format(high)}"
-        raise InputError(f"{source}: expected the lower limit first, got {got}")
+        raise InputError(source, "the lower limit first", got)
     return Range(name, low, high)
 
 
@@ -234,15 +234,15 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction | None:
         # An exponent is read by `float`, because Fraction("1e99999999") would fill the memory.
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise InputError(f"{source}: expected a number, got {shorten(repr(limit))}") from None
+        raise InputError(source, "a number", shorten(repr(limit))) from None
     is_users = name not in FEATURES and name not in TOWN_FEATURES
     least = -LARGEST if is_users else 0
     most = 1 if is_share(name) else LARGEST
     if not least <= number <= most:
         unit = " (a part of 1)" if is_share(name) else ""
-        raise InputError(f"{source}: expected {least:,} to {most:,}{unit}, got {shorten(text)}")
+        raise InputError(source, f"{least:,} to {most:,}{unit}", shorten(text))
     if feature_unit(name) == 1 and number.denominator != 1:
-        raise InputError(f"{source}: expected whole numbers, got {shorten(text)}")
+        raise InputError(source, "whole numbers", shorten(text))
     # The limit of the denominator makes 0.333333333 a third, and lets products fit 64 bits.
     return number.limit_denominator(10**6)
 

@@ -371,16 +371,13 @@ def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyAr
     if array.shape != (len(measured),):
         got = f"shape {[*array.shape]}"
         raise InputError(
-            f"feature_weights: expected {len(measured)} numbers, one for each of measured, "
-            f"got {got}"
+            "feature_weights", f"{len(measured)} numbers, one for each of measured", got
         )
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
-        raise InputError(f"feature_weights: expected whole numbers, got {array.dtype}")
+        raise InputError("feature_weights", "whole numbers", array.dtype)
     for name in measured:
         if name in SHARES:
-            raise InputError(
-                f"measured: expected features that may be weighed, got the share {name}"
-            )
+            raise InputError("measured", "features that may be weighed", f"the share {name}")
     return array
 
 
@@ -388,11 +385,11 @@ def _count_limited(limits: AnyArray, feature_names: Sequence[str]) -> int:
     """Checks limits of columns; returns how many columns they limit, 0 if the limits are traced."""
     if not hasattr(limits, "dtype") or not jnp.issubdtype(limits.dtype, jnp.integer):
         got = getattr(limits, "dtype", shorten(repr(limits)))
-        raise InputError(f"limits: expected an array of whole numbers, got {got}")
+        raise InputError("limits", "an array of whole numbers", got)
     shape = (2, len(feature_names) + len(SHARES))
     if np.shape(limits) != shape:
         expected, got = list(shape), list(np.shape(limits))
-        raise InputError(f"limits: expected shape {expected}, got {got}")
+        raise InputError("limits", f"shape {expected}", got)
     if isinstance(limits, jax.core.Tracer):
         return 0
     lower, upper = np.asarray(limits)
@@ -401,7 +398,7 @@ def _count_limited(limits: AnyArray, feature_names: Sequence[str]) -> int:
     if least < -LARGEST or most > LARGEST:
         # The difference of a feature and its limit must fit int32.
         expected_values = f"{-LARGEST:,} to {LARGEST:,}"
-        raise InputError(f"limits: expected {expected_values}, got {least:,} to {most:,}")
+        raise InputError("limits", expected_values, f"{least:,} to {most:,}")
     is_limited = (lower > -LARGEST) | (upper < LARGEST)
     return int(np.count_nonzero(is_limited))
 

@@ -33,16 +33,12 @@ def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[E
     """
     pairs = targets.items() if isinstance(targets, Mapping) else targets
     if isinstance(pairs, str) or not isinstance(pairs, Iterable):
-        raise InputError(
-            f"targets: expected features with their values, got {shorten(repr(targets))}"
-        )
+        raise InputError("targets", "features with their values", shorten(repr(targets)))
     read = tuple(_example_values(pair, features) for pair in pairs)
     check_unique("targets", "feature", [item.name for item in read])
     if read and any(len(item.values) != len(read[0].values) for item in read):
         counts = ", ".join(f"{item.name} {len(item.values)}" for item in read)
-        raise InputError(
-            f"targets: expected the same number of values of each feature, got {counts}"
-        )
+        raise InputError("targets", "the same number of values of each feature", counts)
     return read
 
 
@@ -104,14 +100,12 @@ def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues
         name, values = pair
         values = list(values)
     except (TypeError, ValueError):
-        raise InputError(
-            f"targets: expected a feature with its values, got {shorten(repr(pair))}"
-        ) from None
+        raise InputError("targets", "a feature with its values", shorten(repr(pair))) from None
     check_feature("targets", name, features)
     least = -LARGEST if name in features else 0
     most = 1 if is_share(name) else LARGEST
     check = real(least, most)
     read = tuple(check_named(f"targets: {name}", check, value) for value in values)
     if not read:
-        raise InputError(f"targets: {name}: expected at least one value, got none")
+        raise InputError(f"targets: {name}", "at least one value", "none")
     return ExampleValues(str(name), read)

@@ -49,7 +49,7 @@ class Checkpoint:
         try:
             return Result.load(self.folder / _RESULT)
         except InputError as error:
-            raise InputError(f"{error}; {hint}") from None
+            raise error.advise(hint) from None
 
     @property
     def kept(self) -> bool:

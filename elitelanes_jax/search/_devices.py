@@ -40,8 +40,7 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
     elif is_whole(devices) and devices > 0:
         return _take_in_turn(local, devices)
     raise InputError(
-        "devices: expected JAX's devices, or their number, at least 1, "
-        f"got {shorten(repr(devices))}"
+        "devices", "JAX's devices, or their number, at least 1", shorten(repr(devices))
     )
 
 

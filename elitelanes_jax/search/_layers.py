@@ -59,10 +59,11 @@ def naming_origins(origins: Mapping[str, str]) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        origin = origins.get(error.subject or "")
+        # An option for large maps has the name "large" before it.
+        origin = origins.get(error.subject.rpartition(": ")[2])
         if origin is None:
             raise
-        raise InputError(f"{origin}: {error}") from None
+        raise error.within(origin) from None
 
 
 def check_options(
@@ -92,7 +93,7 @@ def check_options(
 def _check_large(large: UserValue, user_features: Collection[str]) -> dict[str, OptionValue]:
     """Checks the options for large maps."""
     if not isinstance(large, Mapping):
-        raise InputError(f"expected options by their names, got {shorten(repr(large))}")
+        raise InputError("", "options by their names", shorten(repr(large)))
     return check_options(large, user_features, without=NOT_OF_LARGE)
 
 

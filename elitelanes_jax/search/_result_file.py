@@ -116,9 +116,7 @@ def read_result(path: str | Path) -> StoredResult:
         # The state is taken out before, because only its optimiser knows the shapes of its arrays.
         _check_arrays(arrays, search)
     except InputError as error:
-        raise InputError(
-            f"{path}: expected a result, of generate or Result.save, got {error}"
-        ) from None
+        raise InputError(path, "a result, of generate or Result.save", error) from None
     metrics = {name: jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields}
     elites = MeasuredElites(
         **{name: jnp.asarray(arrays[name]) for name in _ELITES},
@@ -134,9 +132,7 @@ def check_can_save(state: Iterable[AnyArray | jax.ShapeDtypeStruct]) -> None:
     """Checks that an optimiser's state can be saved; raises `InputError` for keys, for instance."""
     for leaf in state:
         if jnp.issubdtype(leaf.dtype, jax.dtypes.extended) or leaf.dtype.kind not in "biufc":
-            raise InputError(
-                f"state: expected arrays of NumPy's numbers, to be saved, got {leaf.dtype}"
-            )
+            raise InputError("state", "arrays of NumPy's numbers, to be saved", leaf.dtype)
 
 
 def _arrays_of(elites: MeasuredElites, history: History) -> dict[str, np.ndarray]:
@@ -174,16 +170,18 @@ def _read_settings(
 ) -> tuple[Search, Config | None, tuple[tuple[str, str], ...], int | None]:
     """Reads the search, configuration, functions and seed; error messages continue "got"."""
     if not isinstance(settings, dict) or "format" not in settings:
-        raise InputError("a file without options")
+        raise InputError("", "", "a file without options")
     if settings["format"] != _FORMAT:
-        raise InputError(f"one of the format {shorten(repr(settings['format']))}, not {_FORMAT!r}")
+        raise InputError(
+            "", "", f"one of the format {shorten(repr(settings['format']))}, not {_FORMAT!r}"
+        )
     grids = arrays.get("grids", np.empty(0))
     if grids.ndim < 3 or not grids.size:
-        raise InputError("a file without grids")
+        raise InputError("", "", "a file without grids")
     try:
         return _parse_settings(settings, (grids.shape[-2], grids.shape[-1]))
     except (InputError, KeyError, TypeError) as error:
-        raise InputError(f"a file with wrong options: {error}") from None
+        raise InputError("", "", f"a file with wrong options: {error}") from None
 
 
 def _parse_settings(
@@ -196,12 +194,10 @@ def _parse_settings(
     if search.settings.method != CUSTOM:
         config = config_from_plain(settings["config"])
     if config is not None and find_preset(config)[0] != search.settings.method:
-        raise InputError(
-            f"config: expected one of {search.settings.method}, got {type(config).__name__}"
-        )
+        raise InputError("config", f"one of {search.settings.method}", type(config).__name__)
     seed = settings["seed"]
     if seed is not None and not is_whole(seed):
-        raise InputError(f"seed: expected a whole number, got {seed!r}")
+        raise InputError("seed", "a whole number", repr(seed))
     return replace(search, axes=axes), config, _read_functions(settings), seed
 
 
@@ -209,7 +205,7 @@ def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:
     """Reads the digests of the user's functions; error messages continue "got"."""
     digests = settings.get("functions", {})
     if not isinstance(digests, dict) or not all(isinstance(text, str) for text in digests.values()):
-        raise InputError(f"functions: expected digests by name, got {shorten(repr(digests))}")
+        raise InputError("functions", "digests by name", shorten(repr(digests)))
     return tuple(digests.items())
 
 
@@ -229,11 +225,11 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
     # its arrays in any order.
     leaf_names = [f"inner.{index}" for index in range(len(state_arrays) - 2)]
     if set(state_arrays) != {"generation", "fingerprint", *leaf_names}:
-        raise InputError("a file with an incomplete state")
+        raise InputError("", "", "a file with an incomplete state")
     generation, fingerprint = state_arrays["generation"], state_arrays["fingerprint"]
     for number in (generation, fingerprint):
         if number.shape or number.dtype.kind not in "iu":
-            raise InputError("a file with an incomplete state")
+            raise InputError("", "", "a file with an incomplete state")
     leaves = [state_arrays[name] for name in leaf_names]
     return RunState(generation, tuple(leaves), fingerprint)
 
@@ -249,22 +245,24 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
     kinds = _ARRAYS | {f"{_FEATURE}{name}": _FEATURE_KIND for name in search.measured}
     for name, (dtype, letters) in kinds.items():
         if name not in arrays:
-            raise InputError(f"a file without {name}")
+            raise InputError("", "", f"a file without {name}")
         array = arrays[name]
         dtypes = (dtype,) if isinstance(dtype, str) else dtype
         if not has_seeds:
             letters = letters.replace("S", "")
         if array.dtype not in dtypes or not _fits_sizes(array.shape, letters, sizes):
             got = f"{name} of {array.dtype} {array.shape}"
-            raise InputError(f"{got}, which does not fit the other arrays")
+            raise InputError("", "", f"{got}, which does not fit the other arrays")
     unknown = set(arrays) - set(kinds)
     if unknown:
-        raise InputError(f"a file with {min(unknown)}, which no result has")
+        raise InputError("", "", f"a file with {min(unknown)}, which no result has")
     # In a table of JAX, a wrong code would find another tile without an error.
     grids = arrays["grids"]
     has_codes = 0 <= grids.min() <= grids.max() <= 15
     if not has_codes or max(grids.shape[-2:]) > LONGEST_SIDE:
-        raise InputError(f"grids that are not of tile codes 0 to 15, of shape {grids.shape}")
+        raise InputError(
+            "", "", f"grids that are not of tile codes 0 to 15, of shape {grids.shape}"
+        )
 
 
 def _fits_sizes(shape: Sequence[int], letters: str, sizes: dict[str, int]) -> bool:

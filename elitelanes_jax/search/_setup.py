@@ -86,7 +86,7 @@ class Setup:
         optimizer = self.factory(problem)
         if not isinstance(optimizer, Optimizer):
             got = type(optimizer).__name__
-            raise InputError(f"optimizer: expected a function that returns an Optimizer, got {got}")
+            raise InputError("optimizer", "a function that returns an Optimizer", got)
         return optimizer
 
     def start(self, keys: KeyData) -> Pytree:

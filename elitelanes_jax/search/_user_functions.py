@@ -75,15 +75,11 @@ def set_method(
     if optimizer is not None:
         if not callable(optimizer):
             expected = "a function from a problem to an Optimizer (method= takes names)"
-            raise InputError(f"optimizer: expected {expected}, got {shorten(repr(optimizer))}")
+            raise InputError("optimizer", expected, shorten(repr(optimizer)))
         if config is not None:
-            raise InputError(
-                f"config: expected none with an optimizer, got {shorten(repr(config), 60)}"
-            )
+            raise InputError("config", "none with an optimizer", shorten(repr(config), 60))
         if extensions.moves is not None:
-            raise InputError(
-                "moves: expected a method with moves, such as preset tuned, got an optimizer"
-            )
+            raise InputError("moves", "a method with moves, such as preset tuned", "an optimizer")
         if spec.options.get("method") == CUSTOM:
             # The method is that of an earlier result.
             return spec.replace(method="map-elites", preset="tuned")
@@ -93,11 +89,9 @@ def set_method(
     _check_plain_numbers("config", config)
     method, preset, _ = find_preset(config)
     if options.get("method", method) != method:
-        raise InputError(
-            f"config: expected one of {options['method']}, got {type(config).__name__}"
-        )
+        raise InputError("config", f"one of {options['method']}", type(config).__name__)
     if "preset" in options:
-        raise InputError(f"preset: expected none with a config, got {options['preset']!r}")
+        raise InputError("preset", "none with a config", repr(options["preset"]))
     return spec.replace(method=method, preset=preset)
 
 
@@ -107,7 +101,7 @@ def _check_plain_numbers(argument: str, config: Config) -> None:
     Results whose configuration has arrays could not be compared or saved.
     """
     if any(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(config)):
-        raise InputError(f"{argument}: expected plain numbers, got an array in {config}")
+        raise InputError(argument, "plain numbers", f"an array in {config}")
 
 
 def check_extensions(search: Search, extensions: Extensions) -> None:
@@ -120,7 +114,7 @@ def check_extensions(search: Search, extensions: Extensions) -> None:
     for name in search.settings.features:
         if name not in extensions.kernels:
             expected = f"the kernel of {name}, as evolve(features={{name: kernel}})"
-            raise InputError(f"features: expected {expected}, got none")
+            raise InputError("features", expected, "none")
     functions = [
         ("optimizer", extensions.optimizer),
         ("fitness", extensions.fitness),
@@ -128,9 +122,7 @@ def check_extensions(search: Search, extensions: Extensions) -> None:
     ]
     for name, function in functions:
         if not _is_hashable(function):
-            raise InputError(
-                f"{name}: expected a function with a hash, got {shorten(repr(function))}"
-            )
+            raise InputError(name, "a function with a hash", shorten(repr(function)))
     if extensions.fitness is not None:
         check_fitness(extensions.fitness, search.shape, search.feature_names)
 

@@ -156,7 +156,7 @@ def _check_none_with_executor(**arguments: UserValue) -> None:
     for name, value in arguments.items():
         if value is not None:
             got = shorten(repr(value), 60)
-            raise InputError(f"{name}: expected none with an executor, got {got}")
+            raise InputError(name, "none with an executor", got)
 
 
 def _with_options(spec: UserValue, options: Mapping[str, UserValue]) -> SearchSpec:
@@ -167,7 +167,7 @@ def _with_options(spec: UserValue, options: Mapping[str, UserValue]) -> SearchSp
     for option, argument in argument_of_option.items():
         if option in options:
             value = options[option]
-            raise InputError(f"{option}: expected it as {argument}={value!r}, got {option}=")
+            raise InputError(option, f"it as {argument}={value!r}", f"{option}=")
     if not options:
         return spec
     return spec.replace(**options)

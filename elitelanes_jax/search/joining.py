@@ -35,7 +35,7 @@ def join_results(results: Sequence[Result]) -> Result:
     """
     check_named("results", listed(Result), results)
     if not results:
-        raise InputError("results: expected at least one, got none")
+        raise InputError("results", "at least one", "none")
     joined = join_parts_of_run(results)
     _warn_of_equal_seeds(results)
     return joined
@@ -80,7 +80,7 @@ def _check_same_search(index: int, got: dict[str, object], expected: dict[str, o
         if got.get(name) != expected.get(name):
             first, other = shorten(repr(expected.get(name)), 60), shorten(repr(got.get(name)), 60)
             raise InputError(
-                f"results: expected one search with {name} {first}, got {other} at index {index}"
+                "results", f"one search with {name} {first}", f"{other} at index {index}"
             )
 
 
@@ -96,8 +96,7 @@ def _check_different_keys(results: Sequence[Result]) -> None:
         first = seen.setdefault(int(result.state.fingerprint), index)
         if first != index:
             raise InputError(
-                f"results: expected each result once, got the keys of index {first} "
-                f"again at index {index}"
+                "results", "each result once", f"the keys of index {first} again at index {index}"
             )
 
 

@@ -52,23 +52,19 @@ def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
         return keys_of_seeds(seed, range(count))
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         raise InputError(
-            "key: expected a whole number, a jax.random.key or an array of them, "
-            f"got {shorten(repr(key))}"
+            "key", "a whole number, a jax.random.key or an array of them", shorten(repr(key))
         )
     if isinstance(key, jax.core.Tracer):
         raise InputError(
-            "key: expected a key outside jax.jit and jax.vmap, "
-            "because evolve compiles a program of its own; "
-            "give an array of keys for many seeds, or use optimizers.run in your program"
+            "key",
+            "a key outside jax.jit and jax.vmap, because evolve compiles a program of its own",
+            "a traced one",
+            "give an array of keys for many seeds, or use optimizers.run in your program",
         )
     if seeds is not None:
-        raise InputError(
-            f"seeds: expected none with keys, because each key is a seed, got {seeds!r}"
-        )
+        raise InputError("seeds", "none with keys, because each key is a seed", repr(seeds))
     if key.ndim > 1 or key.size == 0:
-        raise InputError(
-            f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}"
-        )
+        raise InputError("key", "one key or keys [S] with S at least 1", f"shape {key.shape}")
     # One key becomes an array of one key, so that later steps always have an axis of seeds.
     data = np.asarray(jax.random.key_data(key))
     data = data.reshape(-1, data.shape[-1])

@@ -79,7 +79,7 @@ def _cut(grid: AnyArray) -> Int8[np.ndarray, "H W"]:
     """Returns the smallest box around the roads of a map."""
     roads = cut_to_roads(np.asarray(grid, np.int8))
     if not roads.any():
-        raise InputError("like: expected maps with roads, got one without")
+        raise InputError("like", "maps with roads", "one without")
     return roads
 
 

@@ -93,13 +93,11 @@ def evolve_parts(
     """
     if keys.single:
         raise InputError(
-            "key: expected several keys or a whole number, to be divided among workers, got one key"
+            "key", "several keys or a whole number, to be divided among workers", "one key"
         )
     if keys.kind != THREEFRY:
         # The bits of other keys depend on the whole batch.
-        raise InputError(
-            f"key: expected keys of {THREEFRY}, to be divided among workers, got {keys.kind}"
-        )
+        raise InputError("key", f"keys of {THREEFRY}, to be divided among workers", keys.kind)
     seeds = len(keys.data)
     count = pool.parts_for(-(-seeds // _SEEDS_A_PART), seeds)
     slices = [part_of(seeds, index, count) for index in range(count)]
@@ -134,9 +132,13 @@ def _check_functions(got: Sequence[tuple[str, str]], expected: Sequence[tuple[st
     for (name, digest), (_, ours) in zip(got, expected, strict=True):
         if digest != ours:
             raise InputError(
-                f"executor: expected the function {name!r} as it is here, "
-                "got another one from a worker; start workers anew after a change of a module, "
-                "with the same settings of JAX as here"
+                "executor",
+                f"the function {name!r} as it is here",
+                "another one from a worker",
+                (
+                    "start workers anew after a change of a module, with the same settings of JAX "
+                    "as here"
+                ),
             )
 
 

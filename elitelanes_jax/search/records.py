@@ -154,7 +154,7 @@ def check_metrics(elites: MeasuredElites) -> None:
             if wrong.size:
                 index = wrong[0]
                 got = f"{name} {stored[index]} instead of {counts[index]}"
-                raise InputError(f"expected metrics of its grids, got {got}")
+                raise InputError("", "metrics of its grids", got)
 
 
 def in_short(record: Pytree) -> str:

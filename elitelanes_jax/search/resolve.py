@@ -193,7 +193,7 @@ def spec_from_plain(plain: Plain) -> SearchSpec:
     if large is None:
         return spec
     if not isinstance(large, Mapping):
-        raise InputError(f"large: expected options by their names, got {shorten(repr(large))}")
+        raise InputError("large", "options by their names", shorten(repr(large)))
     values = settings_from_plain(options | dict(large)).values()
     options_of_large = {name: value for name, value in values.items() if name not in NOT_OF_LARGE}
     return spec.replace(large=options_of_large)
@@ -207,9 +207,7 @@ def search_from_plain(plain: Plain, shape: tuple[int, int]) -> Search:
     """
     options, large = _split_large(plain)
     if large is not None:
-        raise InputError(
-            f"large: expected none in a search on one shape, got {shorten(repr(large))}"
-        )
+        raise InputError("large", "none in a search on one shape", shorten(repr(large)))
     return _complete(settings_from_plain(options), shape)
 
 
@@ -224,7 +222,7 @@ def has_other_alphabet(search: Search, other: Search) -> bool:
 def _split_large(plain: Plain) -> tuple[dict[str, Plain], Plain]:
     """Splits plain options into those for all maps and those for large maps, or None."""
     if not isinstance(plain, Mapping) or "large" not in plain:
-        raise InputError(f"search: expected all options of a search, got {shorten(repr(plain))}")
+        raise InputError("search", "all options of a search", shorten(repr(plain)))
     options = dict(plain)
     large = options.pop("large")
     return options, large
@@ -338,23 +336,20 @@ def _check_choices(settings: Settings) -> None:
     """Checks the method and the preset, and options against each other."""
     if settings.method == CUSTOM:
         expected = f"one of {', '.join(METHODS)}, or evolve's argument optimizer"
-        raise InputError(f"method: expected {expected}, got {CUSTOM!r}", subject="method")
+        raise InputError("method", expected, repr(CUSTOM))
     presets = METHODS[settings.method]
     if settings.preset == CUSTOM:
         expected = f"one of {', '.join(presets)}, or evolve's argument config"
-        raise InputError(f"preset: expected {expected}, got {CUSTOM!r}", subject="preset")
+        raise InputError("preset", expected, repr(CUSTOM))
     if settings.preset not in presets:
         expected = f"one of {', '.join(presets)} for {settings.method}"
-        raise InputError(f"preset: expected {expected}, got {settings.preset!r}", subject="preset")
+        raise InputError("preset", expected, repr(settings.preset))
     if settings.rules is not None and settings.fill:
         expected = f"none with the rules of {settings.rules}, which leave cells empty"
-        raise InputError(f"fill: expected {expected}, got True", subject="fill")
+        raise InputError("fill", expected, "True")
     if settings.initial and (settings.method, settings.preset) == ("pso", "paper"):
         expected = "none with the paper's PSO, whose particles are no grids; tuned would do"
-        raise InputError(
-            f"initial: expected {expected}, got {pluralize(len(settings.initial), 'grid')}",
-            subject="initial",
-        )
+        raise InputError("initial", expected, pluralize(len(settings.initial), "grid"))
 
 
 def _check_shape(search: Search, shape_name: str) -> None:
@@ -375,7 +370,7 @@ def _check_town_features(search: Search, shape_name: str) -> None:
         longest, features = LONGEST_DETOUR, "the mean detour"
     if max(search.shape) > longest:
         expected = f"sides of at most {longest} for {features}"
-        raise InputError(f"{shape_name}: expected {expected}, got {_size_text(search.shape)}")
+        raise InputError(shape_name, expected, _size_text(search.shape))
 
 
 def _check_initial_maps(search: Search) -> None:
@@ -384,9 +379,7 @@ def _check_initial_maps(search: Search) -> None:
         shape = (len(grid), len(grid[0]))
         if shape != search.shape:
             expected = f"maps of {_size_text(search.shape)}"
-            raise InputError(
-                f"initial: expected {expected}, got one of {_size_text(shape)}", subject="initial"
-            )
+            raise InputError("initial", expected, f"one of {_size_text(shape)}")
 
 
 def _check_fitness(search: Search, shape_name: str) -> None:
@@ -404,7 +397,7 @@ def _check_fitness(search: Search, shape_name: str) -> None:
         side = largest_side(search.weights, penalty)
         expected = f"grids whose fitness has 32 bits, such as all up to {side} x {side}"
         size = _size_text(search.shape)
-        raise InputError(f"{shape_name}: expected {expected}, got {size}") from None
+        raise InputError(shape_name, expected, size) from None
 
 
 def _size_text(shape: tuple[int, int]) -> str:

@@ -285,7 +285,7 @@ def _check_budget(run: Run, folder: Path, generation: int, last: int) -> None:
     per_step = run.programs.facts.evaluations_per_step
     expected = f"{generation * per_step:,} evaluations ({generation} generations)"
     got = f"{last * per_step:,} evaluations ({last} generations)"
-    raise InputError(f"{folder}: expected {expected} or more, as many as are done, got {got}")
+    raise InputError(folder, f"{expected} or more, as many as are done", got)
 
 
 def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
@@ -340,13 +340,12 @@ def _identity(run: Run, reached: _Reached | None) -> dict[str, Plain]:
 def _restore(run: Run, state: UserValue, *histories: History) -> _Reached:
     """Returns what an earlier result has reached, by its `RunState`."""
     if not isinstance(state, RunState):
-        raise InputError(
-            f"state: expected the state of a result of evolve, got {type(state).__name__}"
-        )
+        raise InputError("state", "the state of a result of evolve", type(state).__name__)
     if not jax.tree.leaves(state.inner):
         raise InputError(
-            "state: expected one to continue from, "
-            "got that of a result that was joined or saved without its state"
+            "state",
+            "one to continue from",
+            "that of a result that was joined or saved without its state",
         )
     arrays = [jnp.asarray(leaf) for leaf in jax.tree.leaves(state.inner)]
     if run.keys.single:
@@ -359,7 +358,7 @@ def _restore(run: Run, state: UserValue, *histories: History) -> _Reached:
         rows, columns = run.search.shape
         expected = f"one of this run ({rows} x {columns}, seeds: {run.seeds})"
         got = "one of a run with another key, other options or functions"
-        raise InputError(f"state: expected {expected}, got {got}")
+        raise InputError("state", expected, got)
     parts = run.programs.divide(jax.tree.unflatten(structure, arrays))
     return _Reached(int(state.generation), parts, histories)
 

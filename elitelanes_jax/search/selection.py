@@ -264,7 +264,7 @@ def without_flaws(
     # An elite that violates several constraints counts once, so that the numbers add up.
     for name, right, words in map_constraints(search.settings.rules, filled=search.fills_all_cells):
         if name not in metrics:
-            raise InputError(f"metrics: expected {name}, got {', '.join(metrics) or 'none'}")
+            raise InputError("metrics", name, ", ".join(metrics) or "none")
         flawed = useful & (metrics[name] != right)
         rejected[words] += int(flawed.sum())
         useful &= ~flawed

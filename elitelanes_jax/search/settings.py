@@ -62,7 +62,7 @@ def parse_initial(initial: UserValue) -> Grids:
     """Reads one map or several, as `as_maps` takes them; only the default, (), has none."""
     maps = as_maps(initial)
     if not maps and not isinstance(initial, tuple):
-        raise InputError("expected at least one map, got none")
+        raise InputError("", "at least one map", "none")
     grids = []
     for road_map in maps:
         rows = road_map.codes.tolist()
@@ -172,11 +172,13 @@ def settings_from_plain(plain: Plain) -> Settings:
       InputError: for a missing or unknown option, or a wrong value.
     """
     if not isinstance(plain, Mapping) or set(plain) != set(OPTIONS):
-        raise InputError(f"search: expected all options of a search, got {shorten(repr(plain))}")
+        raise InputError("search", "all options of a search", shorten(repr(plain)))
     # The features are checked first, because other options name them. The check of the style would
     # read its file, which may not exist any more.
     user_features = check_named("features", check_features, plain["features"])
-    values = {"style": check_named("style", none_or(nonblank), plain["style"])}
+    values: dict[str, OptionValue] = {
+        "style": check_named("style", none_or(nonblank), plain["style"])
+    }
     for name, value in plain.items():
         if name == "style":
             continue

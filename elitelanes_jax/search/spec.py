@@ -156,7 +156,5 @@ def _check_budget(options: Mapping[str, UserValue]) -> bool:
     """Returns whether options have a budget; raises `InputError` for two."""
     budgets = [options[name] for name in BUDGET if options.get(name) is not None]
     if len(budgets) == 2:
-        raise InputError(
-            "generations: expected it or evaluations, got both, {} and {}".format(*budgets)
-        )
+        raise InputError("generations", "it or evaluations", "both, {} and {}".format(*budgets))
     return bool(budgets)

@@ -53,9 +53,7 @@ def read_style(style: UserValue) -> Style:
         return _read_own(text)
     if not text.endswith(".toml"):
         names = f"one of {', '.join(STYLES)}, or a file that ends in .toml"
-        raise InputError(
-            f"style: expected {names}, got {shorten(repr(style), 40)}{suggest(text, STYLES)}"
-        )
+        raise InputError("style", names, shorten(repr(style), 40), suggest(text, STYLES))
     return Style(text, read_toml(text, f"style {text!r}"))
 
 

@@ -21,4 +21,4 @@ def draw_lots(seed: int | list[int], shape: tuple[int, ...]) -> NDArray[np.float
         return np.random.default_rng(np.random.SeedSequence(seed)).random(shape)
     except (TypeError, ValueError):
         got = shorten(repr(seed))
-        raise InputError(f"seed: expected whole numbers, 0 or more, got {got}") from None
+        raise InputError("seed", "whole numbers, 0 or more", got) from None

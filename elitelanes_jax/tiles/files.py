@@ -199,10 +199,10 @@ def check_picture(pixels: UserValue) -> NDArray[np.uint8]:
     """
     expected = f"uint8 [H, W, 3], at least {_SHORTEST_SIDE} pixels a side"
     if not isinstance(pixels, np.ndarray):
-        raise InputError(f"expected {expected}, got {shorten(repr(pixels))}")
+        raise InputError("", expected, shorten(repr(pixels)))
     is_picture = pixels.ndim == 3 and pixels.shape[2] == 3 and pixels.dtype == np.uint8
     if not is_picture or min(pixels.shape[:2]) < _SHORTEST_SIDE:
-        raise InputError(f"expected {expected}, got {pixels.dtype} {list(pixels.shape)}")
+        raise InputError("", expected, f"{pixels.dtype} {list(pixels.shape)}")
     return pixels
 
 

@@ -84,8 +84,12 @@ def parse_colour(text: str) -> Colour:
     pairs = list(zip(limits[::2], limits[1::2], strict=True))
     if not _is_colour(pairs):
         raise InputError(
-            f"expected H..H,S..S,V..V with hues 0 to 179, saturations and values 0 to 255, such as "
-            f"{COLOURS['red']}, got {text[:40]!r}"
+            "",
+            (
+                "H..H,S..S,V..V with hues 0 to 179, saturations and values 0 to 255, such as "
+                f"{COLOURS['red']}"
+            ),
+            repr(text[:40]),
         )
     return Colour(*pairs)
 
@@ -121,11 +125,11 @@ def propose_masks(
     """
     image = check_named("image", check_picture, image)
     if image.shape[0] != image.shape[1]:
-        raise InputError(f"image: expected a square picture, got {size_of(image)} pixels")
+        raise InputError("image", "a square picture", f"{size_of(image)} pixels")
     is_mapping = isinstance(colours, Mapping)
     if not is_mapping or not all(_is_colour(colours.get(name)) for name in COLOURS):
         expected = f"three ranges, of hue, saturation and value, for {', '.join(COLOURS)}"
-        raise InputError(f"colours: expected {expected}, got {shorten(repr(colours))}")
+        raise InputError("colours", expected, shorten(repr(colours)))
     size = image.shape[0]
     fine = _disc(size * _CLEAN)
     # In one light, a colour has one range on all photographs. The median removes noise and keeps
@@ -215,7 +219,7 @@ def mask_folder(
         proposals.append(_propose(tile_folder, image, colours, overwrite, problems))
     if problems:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise InputError(problems[0] + more)
+        raise InputError("", "", problems[0] + more)
     return proposals
 
 

@@ -171,9 +171,7 @@ class ObjectSet:
         choices = self.kinds.get(kind) or self.kinds.get(base_kind(kind))
         if not choices:
             known = ", ".join(self.kinds)
-            raise InputError(
-                f"objects: expected kinds that the set {self.name!r} has ({known}), got {kind}"
-            )
+            raise InputError("objects", f"kinds that the set {self.name!r} has ({known})", kind)
         return choices
 
 
@@ -312,15 +310,13 @@ def load_objects(folder: ObjectSet | str | Path | None = None) -> ObjectSet:
 def _load(folder: Path) -> ObjectSet:
     if not is_folder(folder):
         got = "a file" if path_exists(folder) else "none"
-        raise InputError(f"{folder}: expected a folder of objects, got {got}")
+        raise InputError(folder, "a folder of objects", got)
     # A folder with one of these files was meant as an object, and is refused without the other.
     object_folders: set[Path] = set()
     for name in ("image.png", "object.toml"):
         object_folders.update(file.parent for file in folder.glob(f"*/{name}"))
     if not object_folders:
-        raise InputError(
-            f"{folder}: expected folders with object.toml and image.png, such as duckie_1, got none"
-        )
+        raise InputError(folder, "folders with object.toml and image.png, such as duckie_1", "none")
     pictures = tuple(_load_pictures(object_folder) for object_folder in sorted(object_folders))
     return ObjectSet(folder.resolve().name, pictures)
 
@@ -329,7 +325,7 @@ def _load_pictures(folder: Path) -> ObjectPictures:
     about = _read_about(folder / "object.toml")
     files = _view_files(folder)
     if about.height and 0 not in files:
-        raise InputError(f"{folder}: expected image.png, the view from the front, got none")
+        raise InputError(folder, "image.png, the view from the front", "none")
     views = {angle: _read(files[angle]) for angle in sorted(files)}
     footprint, above = about.footprint, folder / "top.png"
     if above.is_file():
@@ -340,7 +336,7 @@ def _load_pictures(folder: Path) -> ObjectPictures:
         footprint = about.height, about.height * front.shape[1] / front.shape[0]
         top = np.rot90(front, -1)
     else:
-        raise InputError(f"{folder}: expected top.png, as the height is 0, got none")
+        raise InputError(folder, "top.png, as the height is 0", "none")
     return ObjectPictures(folder.name, about.kind, about.height, footprint, about.tag, views, top)
 
 
@@ -357,7 +353,7 @@ def _view_files(folder: Path) -> dict[int, Path]:
             continue
         if not re.fullmatch(r"[1-9][0-9]{0,2}", number) or int(number) > 359:
             expected = "views image_1.png to image_359.png"
-            raise InputError(f"{folder}: expected {expected}, got {file.name}")
+            raise InputError(folder, expected, file.name)
         views[int(number)] = file
     return views
 
@@ -378,32 +374,27 @@ def _read_about(file: Path) -> _About:
     for key in sorted({*about, *_KEYS}):
         if key not in known_keys:
             known = ", ".join(known_keys)
-            raise InputError(f"{file}: expected the keys {known}, got {shorten(repr(key))}")
+            raise InputError(file, f"the keys {known}", shorten(repr(key)))
         if key not in about:
-            raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got no {key}")
+            raise InputError(file, f"the keys {', '.join(_KEYS)}", f"no {key}")
     kind = check_named(str(file), check_kind, about["kind"])
     height = about["height"]
     is_flat = OBJECT_KINDS[base_kind(kind)].height == 0
     # Tags on the floor have height 0, and all other objects are higher.
     if is_flat and not (is_real(height) and height == 0):
-        raise InputError(
-            f"{file}: height: expected 0 for tags on the floor, got {shorten(repr(height), 40)}"
-        )
+        raise InputError(f"{file}: height", "0 for tags on the floor", shorten(repr(height), 40))
     if not is_flat and not (is_real(height) and 0 < height <= _MOST):
-        raise InputError(
-            f"{file}: height: expected metres over 0, to {_MOST}, got {shorten(repr(height), 40)}"
-        )
+        raise InputError(f"{file}: height", f"metres over 0, to {_MOST}", shorten(repr(height), 40))
     footprint = _read_pair(about["footprint"])
     if footprint is None or not all(0 < side <= _MOST for side in footprint):
         got = shorten(repr(about["footprint"]), 40)
-        raise InputError(f"{file}: footprint: expected [length, width] in metres, got {got}")
+        raise InputError(f"{file}: footprint", "[length, width] in metres", got)
     tag = None
     if _TAG in about:
         tag = _read_pair(about[_TAG])
         if tag is None or not (0 <= tag[0] <= _MOST and 0 < tag[1] <= _MOST):
             raise InputError(
-                f"{file}: tag: expected [middle, side] in metres, "
-                f"got {shorten(repr(about[_TAG]), 40)}"
+                f"{file}: tag", "[middle, side] in metres", shorten(repr(about[_TAG]), 40)
             )
     return _About(kind, float(height), footprint, tag)
 
@@ -419,10 +410,9 @@ def _read(file: Path) -> NDArray[np.uint8]:
     problems: list[str] = []
     picture = read_picture(file, problems)
     if picture is None:
-        raise InputError(problems[0])
+        raise InputError("", "", problems[0])
     if picture.ndim != 3 or picture.shape[2] != 4 or not (picture[..., 3] >= OPAQUE).any():
         raise InputError(
-            f"{file}: expected a picture with transparency and some pixels that are opaque, "
-            "got one without"
+            file, "a picture with transparency and some pixels that are opaque", "one without"
         )
     return picture

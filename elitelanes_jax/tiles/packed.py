@@ -63,7 +63,7 @@ def _own_tiles_like(about: dict[str, Plain]) -> TileSet:
     """Returns the package's own tile set, if it is the one of the sender."""
     tiles = own_tiles()
     if tiles.to_plain() != about:
-        raise InputError(f"expected the package's tiles {about}, as here, got {tiles.to_plain()}")
+        raise InputError("", f"the package's tiles {about}, as here", tiles.to_plain())
     return tiles
 
 
@@ -71,7 +71,7 @@ def _own_objects_like(digest: str) -> ObjectSet:
     """Returns the package's own object set, if it is the one of the sender."""
     objects = load_objects()
     if objects.digest != digest:
-        raise InputError(f"expected the package's objects {digest}, as here, got {objects.digest}")
+        raise InputError("", f"the package's objects {digest}, as here", objects.digest)
     return objects
 
 

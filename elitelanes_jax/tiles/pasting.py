@@ -249,8 +249,7 @@ def paste_objects(
     """
     if max(order, default=0) >= _MOST:
         raise InputError(
-            f"objects: expected at most {_MOST:,} in pictures of a map, "
-            f"got {max(order) + 1:,} or more"
+            "objects", f"at most {_MOST:,} in pictures of a map", f"{max(order) + 1:,} or more"
         )
     owners, seen = paste(layers["image"], placed, near)
     for name, layer in layers.items():

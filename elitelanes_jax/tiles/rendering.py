@@ -136,9 +136,7 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
     """Lists the pictures of each cell of a grid; the errors are those of `choose_tiles`."""
     grid = known_grid(grid)
     if not isinstance(tiles, TileSet):
-        raise InputError(
-            f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}"
-        )
+        raise InputError("tiles", "a TileSet, as load_tiles gives it", shorten(repr(tiles)))
     # The first cell without a picture is named.
     for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
         code = int(grid[row, column])
@@ -150,8 +148,9 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
                 "--dead-ends grass or without_dead_ends removes these roads"
             )
         raise InputError(
-            f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
-            f"got {code} ({KIND_OF[code]}) at {describe_cell(row, column)}{remedy}"
+            "grid",
+            f"tiles that the set {tiles.name!r} can draw (codes {drawn})",
+            f"{code} ({KIND_OF[code]}) at {describe_cell(row, column)}{remedy}",
         )
     # The pictures are listed code by code, so that a first index and a number tell those of a cell.
     pictures: list[RotatedTile] = []
@@ -267,8 +266,7 @@ def check_tile_px(tile_px: UserValue) -> int:
     """Checks the side of a tile in pixels, 16 to 512."""
     if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
         raise InputError(
-            f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, "
-            f"got {shorten(repr(tile_px))}"
+            "tile_px", f"{_SMALLEST} to {_LARGEST} pixels a tile", shorten(repr(tile_px))
         )
     return int(tile_px)
 
@@ -299,18 +297,22 @@ def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray
     except ValueError:
         # The rows have several lengths.
         raise InputError(
-            f"chosen: expected integers of shape {(*grid.shape, 2)}, got {shorten(repr(chosen))}"
+            "chosen", f"integers of shape {(*grid.shape, 2)}", shorten(repr(chosen))
         ) from None
     if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
         raise InputError(
-            f"chosen: expected integers of shape {(*grid.shape, 2)}, "
-            f"got {chosen.dtype} of shape {chosen.shape}"
+            "chosen",
+            f"integers of shape {(*grid.shape, 2)}",
+            f"{chosen.dtype} of shape {chosen.shape}",
         )
     for row, column in _misfits(grid, tiles, chosen):
         raise InputError(
-            f"chosen: expected a tile of the set {tiles.name!r} rotated to show code "
-            f"{grid[row, column]} at {describe_cell(row, column)}, "
-            f"got tile {chosen[row, column, 0]} rotated {chosen[row, column, 1]} times"
+            "chosen",
+            (
+                f"a tile of the set {tiles.name!r} rotated to show code {grid[row, column]} at "
+                f"{describe_cell(row, column)}"
+            ),
+            f"tile {chosen[row, column, 0]} rotated {chosen[row, column, 1]} times",
         )
     # Four times an index overflows in 8 bits.
     return chosen.astype(int)
@@ -371,13 +373,12 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
         or pixels.shape[2:] not in ((), (3,), (4,))
     ):
         raise InputError(
-            "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], "
-            f"got {pixels.dtype} {list(pixels.shape)}"
+            "pixels",
+            "uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4]",
+            f"{pixels.dtype} {list(pixels.shape)}",
         )
     if max(pixels.shape) > _LONGEST_PNG:
-        raise InputError(
-            f"pixels: expected at most {_LONGEST_PNG:,} pixels a side, got {list(pixels.shape)}"
-        )
+        raise InputError("pixels", f"at most {_LONGEST_PNG:,} pixels a side", list(pixels.shape))
     if pixels.ndim == 3:
         # OpenCV writes blue first.
         swap = cv2.COLOR_RGB2BGR if pixels.shape[2] == 3 else cv2.COLOR_RGBA2BGRA

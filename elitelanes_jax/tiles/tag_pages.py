@@ -50,11 +50,11 @@ def write_tags(road_map: UserValue, file: str | Path) -> int:
     """
     target = check_named("file", path, file)
     if target.suffix.lower() != ".pdf":
-        raise InputError(f"file: expected a name that ends in .pdf, got {shorten(repr(str(file)))}")
+        raise InputError("file", "a name that ends in .pdf", shorten(repr(str(file))))
     objects = as_map(road_map).objects or ()
     tags = sorted((thing.tag, thing.kind) for thing in objects if thing.tag is not None)
     if not tags:
-        raise InputError("map: expected signs with tags, as furnish places them, got none")
+        raise InputError("map", "signs with tags, as furnish places them", "none")
     import_optional("matplotlib", "pages of tags need matplotlib")
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages

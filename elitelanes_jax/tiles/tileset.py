@@ -208,7 +208,7 @@ def load_tiles(folder: str | Path | None = None) -> TileSet:
         message = problems[0]
         if len(problems) > 1:
             message += f" (and {len(problems) - 1} more; see: elitelanes tiles check)"
-        raise InputError(message)
+        raise InputError("", "", message)
     return tiles
 
 

@@ -59,7 +59,7 @@ def _run(options: argparse.Namespace) -> None:
     require("training needs", "gymnasium", "torch")
     files = sorted(options.towns.glob("maps/*/map.json"))
     if len(files) <= TESTS:
-        raise InputError(f"TOWNS: expected {TESTS + 1} or more maps, got {len(files)} in {options.towns}")
+        raise InputError("TOWNS", f"{TESTS + 1} or more maps", f"{len(files)} in {options.towns}")
     towns = np.stack([read_map(file).codes for file in files])
     params = _params(towns[TESTS:], 0)
     print("| seed | minutes | processor minutes | towns | metres driven, median |\n|---:|---:|---:|---:|---:|")
@@ -100,7 +100,7 @@ def _train_cleanrl(params: LaneDriveParams, seed: int, steps: int, file: Path) -
 
     program = file.read_text(encoding="utf-8")
     if program.count(ENVIRONMENTS) != 1:
-        raise InputError(f"--cleanrl: expected CleanRL's ppo_continuous_action.py of 2025, got {file}")
+        raise InputError("--cleanrl", "CleanRL's ppo_continuous_action.py of 2025", file)
     wrappers = gymnasium.wrappers.vector
 
     def make(envs: int) -> gymnasium.vector.VectorEnv:

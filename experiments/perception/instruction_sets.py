@@ -79,7 +79,7 @@ def _start(command: Sequence[str | Path], environment: Mapping[str, str]) -> Non
         [sys.executable, *command], env={**os.environ, **environment}, capture_output=True, text=True
     )
     if ended.returncode:
-        raise InputError(f"expected {' '.join(map(str, command[:3]))} to end, got {ended.stderr.strip()[-300:]}")
+        raise InputError("", f"{' '.join(map(str, command[:3]))} to end", ended.stderr.strip()[-300:])
 
 
 def _draw_views(file: Path, pictures: int) -> None:

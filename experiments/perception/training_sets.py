@@ -109,7 +109,7 @@ def make_maps(source: str, count: int, seed: int, alphabet: Iterable[int], evalu
     keys = seed_keys(seed, max(4, count // 25))
     chosen = search(keys, evaluations=evaluations // 2).choose(count, seed).maps
     if len(chosen) < count:
-        raise InputError(f"maps: expected {count} different maps of {len(keys)} runs, got {len(chosen)}")
+        raise InputError("maps", f"{count} different maps of {len(keys)} runs", len(chosen))
     return rng.permutation(np.stack([road_map.codes for road_map in chosen]))
 
 

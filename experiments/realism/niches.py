@@ -36,7 +36,7 @@ def _compare(options: argparse.Namespace) -> None:
     )
     filled, _ = result.without_flaws()
     if not filled.any():
-        raise InputError(f"evaluations: expected enough to fill a niche, got {options.evaluations}")
+        raise InputError("evaluations", "enough to fill a niche", options.evaluations)
     runs = filled.sum(axis=1) / filled.any(axis=0).sum()
     of_runs = np.bincount(filled.sum(axis=0))[1:]
     print(

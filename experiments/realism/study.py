@@ -84,7 +84,7 @@ def read_people(folder: Path) -> dict[str, NDArray[np.int8]]:
         if min(grid.shape) >= 2 and grid.any() and min(cut(grid).shape) >= 2:
             found.setdefault(canonical_form(cut(grid)), (file.stem, cut(grid)))
     if not found:
-        raise InputError(f"people: expected maps/*.yaml in {folder}, got none")
+        raise InputError("people", f"maps/*.yaml in {folder}", "none")
     return dict(found.values())
 
 

@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     if not (options.rows or options.table):
-        raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py, got none")
+        raise InputError("ROW", f"one of {', '.join(ROWS)}, or FILE.py", "none")
     if options.table:
         require("the picture of --table needs", "matplotlib")
     rows = dict(_find_row(name) for name in options.rows)
@@ -122,10 +122,10 @@ def _find_row(name: str) -> tuple[str, Row]:
         return name, ROWS[name]
     file = Path(name)
     if file.suffix == ".py" and not file.is_file():
-        raise InputError(f"{file}: expected a file with a function search, got none")
+        raise InputError(file, "a file with a function search", "none")
     search = runpy.run_path(name).get("search") if file.suffix == ".py" else None
     if not callable(search):
-        raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py with a function search, got {name}")
+        raise InputError("ROW", f"one of {', '.join(ROWS)}, or FILE.py with a function search", name)
 
     def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
         return benchmark.run_task(task, search, seeds).grids

@@ -205,9 +205,7 @@ def _qdax_dns(
         from qdax.core.dns import DominatedNoveltySearch
     except ImportError:
         repository = "git+https://github.com/adaptive-intelligent-robotics/QDax"
-        raise InputError(
-            f"qdax-dns: expected QDax 0.5.1 or later, got an earlier one: pip install {repository}"
-        ) from None
+        raise InputError("qdax-dns", "QDax 0.5.1 or later", f"an earlier one: pip install {repository}") from None
     from qdax.core.emitters.standard_emitters import MixingEmitter
 
     score = qdax_scoring_fn(problem)

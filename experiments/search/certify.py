@@ -252,7 +252,7 @@ def _read(file: Path) -> dict[Size, Certificate]:
         content = json.loads(file.read_text(encoding="utf-8"))
         return {(record["height"], record["width"], record["fill"]): record for record in content["certificates"]}
     except (ValueError, LookupError, TypeError) as error:
-        raise InputError(f"{file}: expected certificates, got {error!r}") from None
+        raise InputError(file, "certificates", repr(error)) from None
 
 
 def _write(file: Path, records: Mapping[Size, Certificate]) -> None:

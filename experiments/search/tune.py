@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _tune(row: str, out: Path) -> None:
     if row not in TUNED:
-        raise InputError(f"ROW: expected one of {', '.join(TUNED)}, got {row}")
+        raise InputError("ROW", f"one of {', '.join(TUNED)}", row)
     use_compile_cache()
     file = out / f"{row}.json"
     trials: list[Trial] = json.loads(file.read_text(encoding="utf-8"))["trials"] if file.exists() else []

@@ -140,7 +140,7 @@ test.each([
   ["map.json", "[[16]]", "map.json: expected tile codes 0 to 15, got 16"],
   ["map.json", JSON.stringify([Array(1025).fill(0)]), "map.json: expected at most 1024 tiles a side"],
   ["town.yaml", "tile_size: 0.585", 'town.yaml: expected a Duckietown map, got no "tiles"'],
-  ["town.yaml", "tiles: [[4way", "town.yaml: expected readable YAML, got: unexpected end"],
+  ["town.yaml", "tiles: [[4way", "town.yaml: expected readable YAML, got unexpected end"],
   ["town.yaml", "tiles: [[4way]]\nobjects: [{kind: duckie}]", "town.yaml: objects: 0: expected a pose, pos, place"],
   ["town.yml", "tiles:\n- [moat]", "town.yml: tiles: expected one of Duckietown's kinds, got moat at A1 ([0, 0])"],
 ])("a bad %s is refused: %s", (name, text, message) => {

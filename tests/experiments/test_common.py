@@ -43,7 +43,7 @@ def test_folders_of_other_results_are_left_alone(name, text, message, tmp_path):
 
 def test_damaged_results_are_named(tmp_path):
     (tmp_path / "run.json").write_text('{"a": ')
-    with pytest.raises(InputError, match=r"run.json: expected results as JSON, got: .*; delete the file to repeat"):
+    with pytest.raises(InputError, match=r"run.json: expected results as JSON, got .*; delete the file to repeat"):
         kept(tmp_path / "run.json", dict)
 
 

@@ -267,7 +267,7 @@ def test_drawing(seen, folder):
     assert draw["refused"] == [
         "x.json: expected tile codes 0 to 15, got 99 at B1 ([0, 1])",
         'x.yaml: expected a Duckietown map, got no "tiles"',
-        "x.yaml: expected readable YAML, got: unexpected end of the stream within a flow collection",
+        "x.yaml: expected readable YAML, got unexpected end of the stream within a flow collection",
         "x.png: expected a map as JSON or Duckietown's YAML, got a fault at character 0",
     ]
     assert draw["elsewhere"] == "ring.json: 2 × 2 tiles" and "view=draw" in draw["opened"]

@@ -303,7 +303,7 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
 
 
 def test_a_text_that_is_too_long_for_a_path_is_no_file_and_no_tile_set(run, tmp_path):
-    with pytest.raises(InputError, match="^x+: expected a readable JSON file, got: File name too long"):
+    with pytest.raises(InputError, match="^x+: expected a readable JSON file, got File name too long"):
         collect("x" * 5000)
     shutil.copytree(run, tmp_path / "run")
     file = tmp_path / "run" / "run.json"

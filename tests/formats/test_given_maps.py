@@ -87,9 +87,9 @@ def test_several_maps_are_several(file):
     ("content", "words"),
     [
         (b"\xff", "expected a readable JSON file"),
-        (b"[" * 100_000, "expected the metadata of a dataset, got: maximum recursion"),
-        (b'{"number": "b", "codes": [[6, 3], [12, 9]]}', "metadata of a dataset, got: expected a sample with a number"),
-        (b'{"number": 1, "codes": [[99]]}', "metadata of a dataset, got: grid: expected tile codes 0 to 15"),
+        (b"[" * 100_000, "expected the metadata of a dataset, got maximum recursion"),
+        (b'{"number": "b", "codes": [[6, 3], [12, 9]]}', "metadata of a dataset, got expected a sample with a number"),
+        (b'{"number": 1, "codes": [[99]]}', "metadata of a dataset, got grid: expected tile codes 0 to 15"),
     ],
 )
 def test_bad_metadata_of_a_dataset_is_named(content, words, tmp_path):

@@ -178,7 +178,7 @@ def drawn(tiles, turns):
         ('{"codes": [[6, 3], [12, 1' + "0" * 999 + "]]}", "got 1" + "0" * 76 + r"\.\.\. at B2 .*$"),
         (with_("format", f'"{"a" * 999}"'), r"got 'a{76}\.\.\.$"),
         (with_("fitness", f'"{"a" * 999}"'), r'got "a{76}\.\.\.$'),
-        (with_("metrics", "9" * 10_000), "expected a readable JSON file, got: Exceeds the limit"),
+        (with_("metrics", "9" * 10_000), "expected a readable JSON file, got Exceeds the limit"),
         (with_("drawn", "[" * 900 + "]" * 900), "drawn: expected a record|got JSON nested too deeply"),
         ("[" * 100_000, "expected a map, got JSON nested too deeply"),
     ],
@@ -200,7 +200,7 @@ def test_rows_alone_are_no_list_of_maps(tmp_path):
 @pytest.mark.parametrize("read", [read_map, read_maps, as_maps, parse_given])
 def test_the_text_of_a_map_is_no_file(read):
     """It is too long for a path; `Path.is_dir` raises an `OSError`."""
-    with pytest.raises(InputError, match="expected a readable JSON file, got: File name too long"):
+    with pytest.raises(InputError, match="expected a readable JSON file, got File name too long"):
         read(map_to_json(WHOLE).replace("/", ""))
 
 

@@ -172,7 +172,7 @@ def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
     for solutions, message in (
         (flat[:, 1:], rf"expected numbers \[B, 30\], got int8 \({COUNT}, 29\)"),
         (flat[0], r"got int8 \(30,\)"),
-        ([[1] * 30, [2] * 29], r"expected numbers \[B, 30\], got: .* inhomogeneous"),
+        ([[1] * 30, [2] * 29], r"expected numbers \[B, 30\], got .* inhomogeneous"),
         (np.full((1, 30), np.nan), "expected finite numbers"),
         (np.full((1, 30), 16), "expected tile codes 0 to 15, got 16 to 16"),
     ):

@@ -72,7 +72,7 @@ def test_a_wrong_size_and_noise_are_refused(shot):
     assert score_of(shot, (2, 4)) < SURE
     noise = np.random.default_rng(0).integers(0, 255, (300, 400, 3)).astype(np.uint8)
     assert score_of(Photograph("noise", noise), (1, 1)) < SURE
-    with pytest.raises(InputError, match="wall: expected tiles that stand out from the floor, found none"):
+    with pytest.raises(InputError, match="wall: expected tiles that stand out from the floor, got none"):
         propose_tiles(Photograph("wall", np.full((300, 400, 3), 128, np.uint8)))
 
 
@@ -199,7 +199,7 @@ def test_bad_corners_are_named(shot, corners, message):
 
 def test_the_size_of_a_photograph_that_was_shrunk_is_explained(shot):
     """Corners are in pixels of the file for the command, whose message had another size without a word."""
-    message = "expected points in the photograph, 800 x 640 pixels at 1/2 of the file's size$"
+    message = "expected points in the photograph, 800 x 640 pixels at 1/2 of the file's size, got"
     with pytest.raises(InputError, match=message):
         propose_tiles(shot._replace(name="floor", shrunk=2), shape=(3, 3), corners=CORNERS + 9999)
 

@@ -124,15 +124,15 @@ def test_what_a_network_is_can_be_asked_for(grid, names, spread):
 
 def test_messages_say_the_bound():
     for options, message in (
-        ({"where": "cyclomatic=100.."}, "where 'cyclomatic=100..': expected a range with some of 1..9, which maps of"),
-        ({"where": "tiles=0..3"}, "where 'tiles=0..3': expected a range with 16, which maps of 4 x 4 tiles have"),
+        ({"where": "cyclomatic=100.."}, "where cyclomatic: expected a range with some of 1..9, which maps of"),
+        ({"where": "tiles=0..3"}, "where tiles: expected a range with 16, which maps of 4 x 4 tiles have"),
         ({"where": "tiles=0..3", "rules": "duckietown"}, "some of 4..13, which maps of 4 x 4 tiles have"),
         (
             {"where": ["cyclomatic=2", "crossings=3.."]},
             "expected a range that maps of 4 x 4 tiles with cyclomatic=2 can",
         ),
         ({"where": "straight_share=0.8.."}, "expected a range with some of 0..0.75, which"),
-        ({"where": ["box_share=0.9..", "box_fill=0.9..", "tiles=..12"], "fill": False}, "where 'tiles=..12': expected"),
+        ({"where": ["box_share=0.9..", "box_fill=0.9..", "tiles=..12"], "fill": False}, "where tiles: expected"),
         (
             {"alphabet": [3, 5, 6, 9, 10, 12, 15], "where": "crossings3=1.."},
             "with 0, which maps of 4 x 4 tiles without",
@@ -241,9 +241,13 @@ def test_crossings_of_maps_without_empty_cells_have_no_room_for_signs(shape):
         (
             ["signable=0.1..", "crossings=1.."],
             True,
-            "crossings=1..': expected a range with 0, which maps of .* have unless rules, an inventory or",
+            "where crossings: expected a range with 0, which maps of .* have unless rules, an inventory or",
         ),
-        (["crossings=1..", "signable=1"], True, "signable=1': expected a range that maps .* crossings would be 1 or"),
+        (
+            ["crossings=1..", "signable=1"],
+            True,
+            "where signable: expected a range that maps .* signable=1, where crossings would be 1 or",
+        ),
         (["crossings=0", "signable=..0.9"], False, "crossings would be 1 or more and 0 or less"),
         (["signable=1"], True, None),
         (["signable=..0", "crossings=1.."], True, None),

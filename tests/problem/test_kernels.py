@@ -126,7 +126,7 @@ def test_values_may_be_negative():
         ([middle], {}, "expected kernels by name"),
         ({"mine": middle}, {"where": "yours=3"}, "got 'yours'"),
         ({"mine": middle}, {"axes": "min:3"}, "is it mine?"),
-        ({"mine": lambda grid: int(grid[0, 0])}, {}, "mine to be a function that JAX can trace, got: "),
+        ({"mine": lambda grid: int(grid[0, 0])}, {}, "mine to be a function that JAX can trace, got "),
         (None, {"spec": SearchSpec(features=["mine"])}, "features: expected the kernel of mine"),
     ],
 )

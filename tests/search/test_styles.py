@@ -250,9 +250,9 @@ def test_small_towns_have_a_crossing_where_there_is_room_for_one():
     assert ranges_of_crossings((8, 8), inventory={"straight": 20, "turn": 10, "crossing3": 4}) == ["crossings=1.."]
     for style in (None, "paper", Style("mine", {"rules": "duckietown"})):
         assert ranges_of_crossings((8, 8), style=style) == []
-    with pytest.raises(InputError, match=r"^where 'crossings=1\.\.': expected a range with 0, which maps of 4 x 4"):
+    with pytest.raises(InputError, match=r"^where crossings: expected a range with 0, which maps of 4 x 4"):
         ranges_of_crossings((4, 4), where="crossings=1..")
-    with pytest.raises(InputError, match=r"^style 'town': where 'box_share=0\.8\.\.'|^where 'tiles=\.\.3'"):
+    with pytest.raises(InputError, match=r"^style 'town': where box_share:|^where tiles:"):
         ranges_of_crossings((8, 8), where="tiles=..3")
 
 
@@ -263,7 +263,7 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
         ({"style": Style("few", {"large": {"where": "tiles=..3"}})}, "style 'few': where"),
     ):
         for search in (lambda spec: resolve(spec, (12, 12), room_for="maps"), lambda spec: evolve(0, spec=spec)):
-            with pytest.raises(InputError, match=f"^{origin} 'tiles=..3': expected a range with 144"):
+            with pytest.raises(InputError, match=f"^{origin} tiles: expected a range with 144"):
                 search(SearchSpec(**options))
     for options in (
         {"method": "pso", "preset": "irregular"},
@@ -280,11 +280,11 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
     with pytest.raises(InputError, match="^alphabet: expected ") as caught:
         resolve(SearchSpec(alphabet=[5, 10, 15]), (12, 12), room_for="maps")
     assert pickle.loads(pickle.dumps(caught.value)).subject == "alphabet"
-    with pytest.raises(InputError, match="^like: where 'box_fill="):
+    with pytest.raises(InputError, match="^like: where box_fill:"):
         evolve(0, like=[RING], rules=None)
-    with pytest.raises(InputError, match="^like: where 'box_fill="):
+    with pytest.raises(InputError, match="^like: where box_fill:"):
         evolve(0, like=[RING], rules=None, style=Style("full", {"where": "box_fill=1"}))
-    with pytest.raises(InputError, match="^where 'box_fill=..0.9'"):
+    with pytest.raises(InputError, match="^where box_fill:"):
         evolve(0, like=[RING], rules=None, where="box_fill=..0.9")
 
 

@@ -1,5 +1,6 @@
 """Checks of single values, words for messages, and files of arrays: what they refuse."""
 
+import pickle
 import sys
 import zipfile
 from pathlib import Path
@@ -62,7 +63,7 @@ def test_a_folder_with_the_long_name_of_a_file_is_refused_in_one_line():
 
 def test_nothing_is_suggested_for_an_empty_name():
     assert suggest("", ["size"]) == suggest("--", ["--size"]) == ""
-    assert suggest("siz", ["size"]) == "; is it size?"
+    assert suggest("siz", ["size"]) == "is it size?"
 
 
 def test_code_without_a_module_is_warned():
@@ -80,8 +81,20 @@ def test_an_archive_with_other_members_than_arrays_is_refused(name, tmp_path):
 
 def test_an_error_that_gets_a_name_keeps_its_subject():
     def check(value):
-        raise InputError("expected more", subject="where turns")
+        raise InputError("where turns", "more")
 
-    with pytest.raises(InputError, match="^large: expected more$") as caught:
+    with pytest.raises(InputError, match="^large: where turns: expected more$") as caught:
         check_named("large", check, 3)
-    assert caught.value.subject == "where turns"
+    assert caught.value.subject == "large: where turns"
+    with pytest.raises(InputError, match="^where turns: expected more$"):
+        check_named("where", check, 3)
+
+
+def test_an_error_has_its_parts_and_survives_pickling():
+    error = InputError("map.yaml", "rows of\n    one length", 3, "is it tiles?")
+    assert str(error) == "map.yaml: expected rows of one length, got 3; is it tiles?"
+    assert str(error.within("--map")) == "--map: map.yaml: expected rows of one length, got 3; is it tiles?"
+    copy = pickle.loads(pickle.dumps(error.replace(subject="").advise("or rows")))
+    assert str(copy) == "expected rows of one length, got 3; is it tiles?; or rows"
+    assert (copy.subject, copy.expected, copy.got) == ("", "rows of one length", "3")
+    assert str(InputError("map.yaml", "", "no such file")) == "map.yaml: no such file"

@@ -59,7 +59,9 @@ def test_links_that_lead_nowhere_are_kept(tmp_path):
     assert link.is_symlink() and loop.is_symlink() and len(names(tmp_path)) == 2
 
 
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt(), InputError("bad")])
+@pytest.mark.parametrize(
+    "error", [OSError(28, "No space left on device"), KeyboardInterrupt(), InputError("bad", "more")]
+)
 def test_a_file_stays_as_it_was_if_another_cannot_be_written(error, tmp_path):
     (tmp_path / "file.png").write_text("mine")
 

@@ -44,7 +44,7 @@ def test_a_current_folder_that_was_deleted_is_an_error_of_the_output_folder(tmp_
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
-    with pytest.raises(InputError, match="^out: expected a path that can be written to, got: no such file"):
+    with pytest.raises(InputError, match="^out: expected a path that can be written to, got no such file"):
         write("out")
 
 

@@ -42,9 +42,7 @@ def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
         # The size in the message is rounded up to millimetres, because a smaller floor would fail
         # again.
         least = ceil(1000 * (_SMALLEST * TILE_SIZE + 2 * margin)) / 1000
-        raise InputError(
-            f"floor: expected at least {least:g} x {least:g} m, got {width:g} x {depth:g} m"
-        )
+        raise InputError("floor", f"at least {least:g} x {least:g} m", f"{width:g} x {depth:g} m")
     return rows, columns
 
 

@@ -118,7 +118,6 @@ def _place_controls(space: Space, spec: FurnishSpec, tags: Tags, seed: int) -> N
     for thing in controls:
         if not space.is_clear(thing):
             raise InputError(
-                f"objects: expected none in the way of {thing.kind} "
-                f"at x {thing.x:g}, y {thing.y:g}, got one"
+                "objects", f"none in the way of {thing.kind} at x {thing.x:g}, y {thing.y:g}", "one"
             )
         space.add(thing)

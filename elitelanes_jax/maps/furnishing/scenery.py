@@ -54,9 +54,7 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
             _check_count(name, scenery, count, space.codes)
         placed = _place(space, name, scenery, count, random, lane_offset)
         if placed < count and amount >= 1:
-            raise InputError(
-                f"{name}: expected a number that fits, got {count}, of which {placed} fit"
-            )
+            raise InputError(name, "a number that fits", f"{count}, of which {placed} fit")
 
 
 def scenery_kinds(spec: FurnishSpec) -> set[str]:
@@ -83,9 +81,7 @@ def _check_count(
     # The areas of all objects are at most the area of these squares.
     most = int(cells * side**2 / (length * width))
     if cells and count > most:
-        raise InputError(
-            f"{name}: expected a number that fits, got {count}, of which at most {most} fit"
-        )
+        raise InputError(name, "a number that fits", f"{count}, of which at most {most} fit")
 
 
 def _spots_of(

@@ -86,9 +86,10 @@ def place_signs(
                 signs += _signs_for(crossing, sides, (side + 2) % 4, control)
         elif which == "all":
             raise InputError(
-                "signs: expected no roads at the four corners of each crossing, "
-                f"got one at {describe_cell(*crossing)}; "
-                "signs=possible leaves such crossings out"
+                "signs",
+                "no roads at the four corners of each crossing",
+                f"one at {describe_cell(*crossing)}",
+                "signs=possible leaves such crossings out",
             )
     return signs
 

@@ -35,7 +35,7 @@ _SHORT_WORDS: dict[str, UserValue] = {"signs": "all", "street_names": "all", "un
 def _amount(value: UserValue) -> float:
     number: float = real(0, _LARGEST_AMOUNT, unit=_AMOUNTS)(value)
     if number > 1 and number != int(number):
-        raise InputError(f"expected {_AMOUNTS}, got {shorten(repr(value), 40)}")
+        raise InputError("", _AMOUNTS, shorten(repr(value), 40))
     return number
 
 
@@ -136,7 +136,7 @@ def parse_furnish(value: UserValue) -> FurnishSpec:
     texts = [str(value)] if isinstance(value, str | Path) else value
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
         expected = "a FurnishSpec, or words such as signs, all, duckies=6"
-        raise InputError(f"expected {expected}, got {shorten(repr(value), 40)}")
+        raise InputError("", expected, shorten(repr(value), 40))
     # A text may be several words, as commands take them.
     words: list[str] = []
     for text in texts:
@@ -158,7 +158,7 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
         if "=" in word and name not in ("", "all"):
             check_names([name], settings)
             if name in asked_by_settings:
-                raise InputError(f"expected each setting once, got {name} twice")
+                raise InputError("", "each setting once", f"{name} twice")
             asked_by_settings[name] = value
         elif word in _SHORT_WORDS:
             asked_by_words[word] = _SHORT_WORDS[word]
@@ -169,7 +169,7 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
             expected = (
                 f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
             )
-            raise InputError(f"expected {expected}, got {shorten(repr(word), 40)}")
+            raise InputError("", expected, shorten(repr(word), 40))
     return spec.replace(**(asked_by_words | asked_by_settings), objects=objects)
 
 
@@ -187,11 +187,10 @@ def _read_objects(file: str) -> tuple[MapObject, ...]:
         if not objects:
             # It may be meant as another map to furnish.
             raise InputError(
-                f"{file}: expected objects to place, got a map without any "
-                "(a call furnishes one map)"
+                file, "objects to place", "a map without any (a call furnishes one map)"
             )
         return objects
     values = read_toml(file, file)
     if "objects" not in values:
-        raise InputError(f'{file}: expected a list of "objects", got none')
+        raise InputError(file, 'a list of "objects"', "none")
     return check_named(file, _check_users_objects, values["objects"])

@@ -53,8 +53,7 @@ class Tags:
         if thing.tag is not None:
             if self._unique and self._used[thing.tag]:
                 raise InputError(
-                    "unique_tags: expected each tag of your own objects once, "
-                    f"got {thing.tag} twice"
+                    "unique_tags", "each tag of your own objects once", f"{thing.tag} twice"
                 )
             self._used[thing.tag].append((thing.x, thing.y))
 
@@ -70,7 +69,7 @@ class Tags:
         tag = max(numbers, key=lambda number: self._distance(sign, [number]))
         if self._unique and self._used[tag]:
             name = STREET_NAMES.get(tag, sign.kind)
-            raise InputError(f"unique_tags: expected at most {len(numbers)} of {name}, got more")
+            raise InputError("unique_tags", f"at most {len(numbers)} of {name}", "more")
         self._used[tag].append((sign.x, sign.y))
         return sign._replace(tag=tag)
 
@@ -120,9 +119,10 @@ def place_street_names(space: Space, which: str, tags: Tags) -> None:
                 signs.append(clear)
         if len(signs) < len(places) and which == "all":
             raise InputError(
-                "street_names: expected room for a sign at each turn and road, "
-                f"got none at the road from {describe_cell(*road[0])}; "
-                "street_names=possible leaves such signs out"
+                "street_names",
+                "room for a sign at each turn and road",
+                f"none at the road from {describe_cell(*road[0])}",
+                "street_names=possible leaves such signs out",
             )
         if signs:
             for sign in tags.name_street(signs):

@@ -92,7 +92,7 @@ def _run(options: argparse.Namespace) -> None:
     require("training needs", "flax", "optax", "distrax", "jaxued")
     source = options.jaxued.resolve() / "src"
     if not (source / "jaxued").is_dir():
-        raise InputError(f"--jaxued: expected a checkout with a folder src/jaxued, got {options.jaxued}")
+        raise InputError("--jaxued", "a checkout with a folder src/jaxued", options.jaxued)
     # The scripts use the library of their checkout, which is newer than that on PyPI.
     sys.path.insert(0, str(source))
     from experiments.navigation.ued.agent import settings

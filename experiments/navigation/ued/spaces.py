@@ -151,11 +151,11 @@ def read_networks(name: str) -> Int8[np.ndarray, "G H W"]:
       InputError: for an unknown name, or a file whose checksum differs.
     """
     if name not in SPACES:
-        raise InputError(f"space: expected one of {', '.join(SPACES)}, got {name!r}")
+        raise InputError("space", f"one of {', '.join(SPACES)}", repr(name))
     file = _FOLDER / f"{name}.txt"
     head, *rows = file.read_text(encoding="utf-8").splitlines()
     if head.split()[-1] != _checksum(rows):
-        raise InputError(f"{file}: expected networks with the checksum of the first line, got others")
+        raise InputError(file, "networks with the checksum of the first line", "others")
     height, width, _ = SPACES[name]
     return np.array([[int(code, 16) for code in row] for row in rows], np.int8).reshape(-1, height, width)
 

@@ -40,7 +40,7 @@ def _run(options: argparse.Namespace) -> None:
 
     methods = options.methods or list(METHODS)
     if unknown := [name for name in methods if name not in METHODS]:
-        raise InputError(f"--methods: expected some of {', '.join(METHODS)}, got {unknown[0]}")
+        raise InputError("--methods", f"some of {', '.join(METHODS)}", unknown[0])
     ppo = settings(options.rounds, quick=options.quick)
     about = {"program": "ued", "version": __version__, "space": options.space, "ppo": ppo._asdict(), "rates": RATES}
     open_results(options.out, about)
@@ -59,7 +59,7 @@ def _run(options: argparse.Namespace) -> None:
                 f"scores, seed {seed}: {json.dumps(kept(options.out / 'scores' / f'{seed}.json', scores))}", flush=True
             )
     if not write_report(options.out):
-        raise InputError(f"{options.out}: expected finished rows, got none")
+        raise InputError(options.out, "finished rows", "none")
     print(options.out / "ued.md")
 
 

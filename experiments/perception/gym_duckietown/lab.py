@@ -153,7 +153,7 @@ def build_set(folder: Path, textures: dict[str, Path]) -> None:
     for name, file in textures.items():
         image = cv2.imread(str(file))
         if image is None:
-            raise InputError(f"{file}: expected a picture of a tile, got none")
+            raise InputError(file, "a picture of a tile", "none")
         (part / name).mkdir(parents=True)
         cv2.imwrite(str(part / name / "image.png"), image)
     _elitelanes("tiles", "masks", str(part))
@@ -166,7 +166,7 @@ def build_set(folder: Path, textures: dict[str, Path]) -> None:
             shutil.rmtree(part / name)
     remaining = inspect_tiles(part)[1]
     if remaining:
-        raise InputError(remaining[0])
+        raise InputError(folder, "", remaining[0])
     part.replace(folder)
 
 
@@ -223,7 +223,7 @@ def _elitelanes(*arguments: str) -> None:
     """
     command = [sys.executable, "-m", "elitelanes_jax", *arguments]
     if subprocess.run(command, check=False).returncode:
-        raise InputError(f"elitelanes {' '.join(arguments)}: expected it to succeed, got an error")
+        raise InputError(f"elitelanes {' '.join(arguments)}", "it to succeed", "an error")
 
 
 def _make_views(row: Row, tiles: Path | None, folder: Path) -> Path:
@@ -287,7 +287,7 @@ def _train(name: str, seed: int, out: Path) -> Path:
 def _take_pictures(part: str, poses: int, file: Path) -> None:
     """Takes pictures in gym-duckietown if they are not there."""
     if not file.exists() and pictures.main([part, "--only", "people", "--poses", str(poses), "--out", str(file)]):
-        raise InputError(f"{file}: expected pictures of gym-duckietown, got an error")
+        raise InputError(file, "pictures of gym-duckietown", "an error")
 
 
 def _measure(row: Row, weights: Path, test: Pictures) -> dict[str, float]:
@@ -310,7 +310,7 @@ def _measure(row: Row, weights: Path, test: Pictures) -> dict[str, float]:
 def _ride(weights: Path, drive: Drive, file: Path) -> dict[str, float]:
     """Drives on each test map, and counts the rides."""
     if rides.main([str(weights), *drive.options, "--only", "people", "--out", str(file)]):
-        raise InputError(f"{file}: expected rides, got an error")
+        raise InputError(file, "rides", "an error")
     maps = json.loads(file.read_text(encoding="utf-8"))
     driven = [maps[name]["rides"][0] for name in maps if name != "settings"]
     stay = [bool(ride["on_road"]) for ride in driven]

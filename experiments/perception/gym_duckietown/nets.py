@@ -108,7 +108,7 @@ def find_labels(weights: Pytree, images: UInt8[NDArray, "N 120 160 3"]) -> UInt8
 
 def _in_batches(find: Pytree, images: UInt8[NDArray, "N 120 160 3"]) -> NDArray[np.generic]:
     if images.ndim != 4 or images.shape[1:] != (ROWS, COLUMNS, 3):
-        raise InputError(f"images: expected pictures of {ROWS} x {COLUMNS} pixels, got an array {images.shape}")
+        raise InputError("images", f"pictures of {ROWS} x {COLUMNS} pixels", f"an array {images.shape}")
     return np.concatenate([find(images[first : first + _BATCH]) for first in range(0, len(images), _BATCH)])
 
 
@@ -134,9 +134,9 @@ def read_weights(file: Path, task: str) -> Pytree:
         with np.load(file) as arrays:
             weights = {name: np.asarray(arrays[name], np.float32) for name in arrays.files}
     except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{file}: expected weights of train, got: {error}") from None
+        raise InputError(file, "weights of train", error) from None
     images = jnp.zeros((1, ROWS, COLUMNS, 3), jnp.uint8)
     expected = flatten_dict(jax.eval_shape(NETS[task].init, jax.random.key(0), images), sep="/")
     if {name: value.shape for name, value in weights.items()} != {name: one.shape for name, one in expected.items()}:
-        raise InputError(f"{file}: expected weights of train {task}, got those of another network")
+        raise InputError(file, f"weights of train {task}", "those of another network")
     return unflatten_dict(weights, sep="/")

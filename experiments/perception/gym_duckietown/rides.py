@@ -111,7 +111,7 @@ def _run(options: argparse.Namespace) -> None:
     settings = {name: str(value) for name, value in vars(options).items() if name != "out"}
     kept = json.loads(options.out.read_text(encoding="utf-8")) if options.out.exists() else {"settings": settings}
     if kept["settings"] != settings:
-        raise InputError(f"{options.out}: expected rides with the same options, got {kept['settings']}")
+        raise InputError(options.out, "rides with the same options", kept["settings"])
     driver = read_driver(options.weights, policy=options.policy)
     with World() as world:
         for place in read_maps(options.part, options.only):
@@ -131,7 +131,7 @@ def ride_on_map(
     """Drives on one of people's maps in maps.toml; returns the map's codes, and what `ride` returns."""
     maps = {place.name: place for part in ("development", "test") for place in read_maps(part, "people")}
     if name not in maps:
-        raise InputError(f"map: expected one of {', '.join(maps)}, got {name!r}")
+        raise InputError("map", f"one of {', '.join(maps)}", repr(name))
     place = maps[name]
     with World() as world:
         world.load(place)

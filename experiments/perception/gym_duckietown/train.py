@@ -81,9 +81,9 @@ def read_views(folder: Path, part: str = "train") -> Views:
         rows = [json.loads(line) for line in lines]
         lanes = [[row["nearest"][name] for name in ("d", "phi", "curvature")] for row in rows]
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{folder}: expected a dataset of dataset --camera, got: {error!r}") from None
+        raise InputError(folder, "a dataset of dataset --camera", repr(error)) from None
     if {tuple(row["pixels"]) for row in rows} != {(ROWS, COLUMNS)}:
-        raise InputError(f"{folder}: expected pictures of {ROWS} x {COLUMNS} pixels, got {rows[0]['pixels']}")
+        raise InputError(folder, f"pictures of {ROWS} x {COLUMNS} pixels", rows[0]["pixels"])
     images = [np.asarray(cv2.imread(str(folder / part / row["image_file_name"])))[..., ::-1] for row in rows]
     files = [str(folder / part / row["labels_file_name"]) for row in rows]
     labels = [np.asarray(cv2.imread(file, cv2.IMREAD_GRAYSCALE)) for file in files]

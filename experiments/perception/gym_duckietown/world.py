@@ -46,7 +46,7 @@ class World:
 
     def __init__(self, python: Path = PYTHON, *, rows: int = 480, columns: int = 640) -> None:
         if not python.exists():
-            raise InputError(f"{python}: expected the environment of make gym-duckietown, got no file")
+            raise InputError(python, "the environment of make gym-duckietown", "no file")
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115, closed with the process
         command = [str(python), str(HERE / "bridge.py"), str(rows), str(columns)]
         pipe = subprocess.PIPE
@@ -75,9 +75,9 @@ class World:
         if answer is None:
             self._errors.seek(0)
             last = self._errors.read().decode(errors="replace").strip().splitlines()[-1:]
-            raise InputError(f"gym-duckietown: expected an answer, got the end of the program: {' '.join(last)}")
+            raise InputError("gym-duckietown", "an answer", f"the end of the program: {' '.join(last)}")
         if "error" in answer:
-            raise InputError(f"gym-duckietown: expected to {what}, got {answer['error']}")
+            raise InputError("gym-duckietown", f"to {what}", answer["error"])
         return answer
 
     def load(self, place: DuckietownMap, **options: object) -> dict[str, Untyped]:
@@ -85,7 +85,7 @@ class World:
         try:
             return self.ask("load", text=place.text, **options)
         except InputError as error:
-            raise InputError(f"{place.name}: {error}") from None
+            raise error.within(place.name) from None
 
 
 def data_folder() -> Path:
@@ -96,7 +96,7 @@ def data_folder() -> Path:
     """
     folders = list(PYTHON.parents[1].glob("lib*/python3*/site-packages/duckietown_world/data/gd1"))
     if not folders:
-        raise InputError(f"{PYTHON}: expected an environment with duckietown-world's maps, got none")
+        raise InputError(PYTHON, "an environment with duckietown-world's maps", "none")
     return folders[0]
 
 

@@ -47,7 +47,7 @@ export function yamlTree(text: string): Tree | null {
   if (!(parsed instanceof YAMLException)) return build(parsed, source);
   const changed = relaxed(source);
   const again = parse(changed);
-  if (again instanceof YAMLException) throw new FileError(`expected readable YAML, got: ${parsed.reason}`);
+  if (again instanceof YAMLException) throw new FileError(`expected readable YAML, got ${parsed.reason}`);
   return build(again, changed);
 }
 
