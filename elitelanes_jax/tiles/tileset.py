@@ -33,6 +33,7 @@ from elitelanes_jax._util.checks import (
     frozen_copy,
     is_folder,
     is_real,
+    listed,
     path,
     path_exists,
 )
@@ -123,7 +124,8 @@ class TileSet:
 
     def __post_init__(self) -> None:
         """Copies the pictures and masks, see `frozen_copy`."""
-        tiles = tuple(Tile._make(map(frozen_copy, tile)) for tile in self.tiles)
+        listed_tiles = check_named("tiles", listed(Tile), self.tiles)
+        tiles = tuple(Tile._make(map(frozen_copy, tile)) for tile in listed_tiles)
         object.__setattr__(self, "tiles", tiles)
 
     @cached_property
