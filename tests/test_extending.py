@@ -308,7 +308,7 @@ def test_chosen_maps_have_a_float_fitness():
         ({"fitness": lambda usual, /: usual}, "fitness: expected a function with named arguments, got "),
         ({"fitness": lambda grid: "x"}, "expected it to return an integer or float scalar, got 'x'"),
         ({"fitness": lambda grid: grid[1, 1] > 1}, "integer or float scalar, got bool of shape ()"),
-        ({"fitness": lambda metrics: float(metrics.turns)}, "fitness: expected to be a function that JAX can trace"),
+        ({"fitness": lambda metrics: float(metrics.turns)}, "fitness: expected it to be a function that JAX can trace"),
         ({"moves": 3}, "moves: expected weights and moves by name, got 3"),
         ({"moves": {"miror": 0}}, "got 'miror'; is it mirror?"),
         ({"moves": {"mirror": -1}}, "moves: mirror: expected a whole number, 0 or more, got -1"),

@@ -131,7 +131,7 @@ def test_numbers_become_plain_and_arrays_pass():
 @pytest.mark.usefixtures("any_types")
 def test_arrays_are_checked_as_numbers_are_and_tracers_by_their_dtype():
     limits = np.array([0.1], np.float32)
-    assert Robot(dt=limits).dt is limits and float(limits[0]) > 0.1
+    assert Robot(dt=limits).dt.tolist() == limits.tolist() and float(limits[0]) > 0.1
     wrong = {
         "tile_rate: expected a number, 0 to 1, got 7.0": lambda: EvolutionConfig(tile_rate=jnp.array([0.1, 7.0])),
         "tile_rate: expected a number, 0 to 1, got nan": lambda: EvolutionConfig(tile_rate=np.array([0.1, np.nan])),

@@ -150,7 +150,7 @@ WRONG = {
     ),
     "size: expected a whole number, 0 or more, got '1_2'": lambda: GenerateSpec(size="1_2 4"),
     "camera: rows: expected a whole number": lambda: DatasetSpec(camera={"rows": "x"}),
-    "camera: row: expected one of rows, columns": lambda: DatasetSpec(camera={"row": 48}),
+    "camera: row: expected one of offset, heading": lambda: DatasetSpec(camera={"row": 48}),
     "transforms: luck: expected one of": lambda: DatasetSpec(transforms={"luck": 1}),
     "transforms: scale: expected a factor, or the smallest and the largest": lambda: DatasetSpec(
         transforms="scale=1..2..3"

@@ -260,8 +260,8 @@ def naming_options(defaults: Record | SearchSpec, *only: str) -> Iterator[None]:
 def _with_flags(error: InputError, flags: Mapping[str, str]) -> InputError:
     """Returns the error with options instead of fields.
 
-    The subject is a field, and perhaps a part of it: "where crossings". What was expected may name
-    other fields as Python writes them: "none with method='ea'".
+    The subject is a field, and perhaps a part of it: "where crossings". What was expected and the
+    hint may name other fields as Python writes them: "none with method='ea'".
     """
 
     def name_setting(match: re.Match[str]) -> str:
@@ -271,8 +271,10 @@ def _with_flags(error: InputError, flags: Mapping[str, str]) -> InputError:
     subject = error.subject
     if field is not None and field[0] in flags:
         subject = flags[field[0]] + subject[field.end() :]
-    expected = re.sub(r"\b(\w+)='(\w+)'", name_setting, error.expected)
-    return error.replace(subject=subject, expected=expected)
+    expected, hint = (
+        re.sub(r"\b(\w+)='(\w+)'", name_setting, words) for words in (error.expected, error.hint)
+    )
+    return error.replace(subject=subject, expected=expected, hint=hint)
 
 
 def _flag(name: str, option: Option) -> str:

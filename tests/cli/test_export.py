@@ -161,7 +161,7 @@ def test_a_terminal_without_box_drawing(maps, monkeypatch):
     stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     monkeypatch.setattr(sys, "stdout", stream)
     assert main(["show", maps[0]]) == 0
-    assert stream.buffer.getvalue().startswith(b"+-+\n+-+\n\n2 x 2 tiles")
+    assert stream.buffer.getvalue().startswith(b"  A B\n1 +-+\n2 +-+\n\n2 x 2 tiles")
 
 
 def test_a_dataset_is_refused_with_the_command_that_reads_it(tmp_path, capsys):

@@ -75,4 +75,4 @@ def test_all_are_listed_and_one_is_shown(capsys):
     assert main(["metrics", "components"]) == 0
     assert "all maps of generate have this value" in capsys.readouterr().out
     assert main(["metrics", "bridge"]) == 2
-    assert "got 'bridge'; is it bridges? (elitelanes metrics explains all: " in capsys.readouterr().err
+    assert "got 'bridge'; is it bridges? elitelanes metrics explains all: " in capsys.readouterr().err

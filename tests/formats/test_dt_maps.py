@@ -324,7 +324,7 @@ def test_commands_take_a_folder(tmp_path, capsys):
     folder.mkdir()
     write_shape(folder, unit="tiles")
     assert main(["show", str(folder)]) == 0
-    assert capsys.readouterr().out.startswith("┌─┬─┐\n├─┼─┤\n")
+    assert capsys.readouterr().out.startswith("  A B C D\n1 ┌─┬─┐\n2 ├─┼─┤\n")
     out = tmp_path / "out"
     assert main(["export", str(folder), str(folder / ".." / "lab.v2"), "--to", "opendrive", "--out", str(out)]) == 2
     assert "expected maps of different names" in capsys.readouterr().err

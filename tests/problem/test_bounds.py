@@ -265,10 +265,10 @@ def test_a_range_of_room_for_signs_says_whether_there_are_crossings(where, fille
 @pytest.mark.parametrize(
     ("where", "message"),
     [
-        (["gridlock_number=1..2"], "gridlock_number=1..2': expected a range with some of 3..35"),
-        (["gridlock_number=36.."], "gridlock_number=36..': expected a range with some of 3..35"),
-        (["tiles=..15", "gridlock_number=15.."], "gridlock_number=15..': expected a range with some of 3..14"),
-        (["gridlock_number=15..", "tiles=..15"], "tiles=..15': expected a range with some of 16..36"),
+        (["gridlock_number=1..2"], "where gridlock_number: expected a range with some of 3..35"),
+        (["gridlock_number=36.."], "where gridlock_number: expected a range with some of 3..35"),
+        (["tiles=..15", "gridlock_number=15.."], "where gridlock_number: expected a range with some of 3..14"),
+        (["gridlock_number=15..", "tiles=..15"], "where tiles: expected a range with some of 16..36"),
     ],
 )
 def test_the_shortest_loop_needs_tiles(where, message):
