@@ -48,7 +48,7 @@ def outline_of(thing, picture, about):
 
 def test_boxes_and_masks_are_those_of_projected_outlines_and_of_a_slow_renderer(drawn_tiles):
     objects, boxes = load_objects(), 0
-    for number in range(6):
+    for number in range(3):
         road_map = RoadMap(TOWN, objects=some_objects(10, number))
         sample = draw_sample(road_map, drawn_tiles, number, tile_px=PX, camera=VIEWS, objects=objects)
         plain = draw_sample(road_map, drawn_tiles, number, tile_px=PX, camera=VIEWS)
@@ -84,7 +84,7 @@ def test_boxes_and_masks_are_those_of_projected_outlines_and_of_a_slow_renderer(
                 low, high = np.maximum(points.min(0), 0), np.minimum(points.max(0), (160, 120))
                 if one["visible"] > 0.999:  # nothing hides it
                     np.testing.assert_allclose([x, y, x + wide, y + one["box"][3]], [*low, *high], atol=1.5)
-    assert boxes > 8
+    assert boxes > 3
 
 
 def replace_kind(thing, kind):
