@@ -73,8 +73,8 @@ def road_map(
       ax: the Axes to draw on; by default those of a new figure.
 
     Raises:
-      InputError: for a bad map, a width out of its range, a mask of another shape or of texts,
-        masked cells, a loop with a step that is no link of the map, or without matplotlib.
+      InputError: for a bad map, a width out of its range, masked cells, or a mask of another shape
+        or of texts. Also for a loop with a step that is no link of the map, or without matplotlib.
     """
     codes = np.asarray(as_map(source).codes)
     if not 0 < width <= 0.8:

@@ -82,8 +82,8 @@ def unmasked(value: UserValue) -> UserValue:
 def frozen_copy(value: UserValue) -> UserValue:
     """Returns an array of NumPy as a copy that cannot be written to; anything else unchanged.
 
-    What is kept after a call is copied, because its caller may write to the array later. Such a copy
-    is not copied again.
+    Arrays that are kept after a call are copied, because the caller may write to them later. An
+    array that this function returned is not copied again.
     """
     if not isinstance(value, np.ndarray) or (value.base is None and not value.flags.writeable):
         return value
@@ -410,7 +410,7 @@ def split_settings(text: str) -> list[str]:
 def check_unique(record: str, kind: str, names: Iterable[str]) -> list[str]:
     """Checks that no name comes twice.
 
-    The error's message starts with `record`, which has the names, and calls each a `kind`.
+    The subject of the error is `record`, which has the names. Its words call each name a `kind`.
     """
     all_names = list(names)
     counts = Counter(all_names)

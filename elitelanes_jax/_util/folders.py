@@ -85,17 +85,17 @@ def output_folder(
       settings: what the work depends on, plain values for JSON. Work is resumed only with equal
         settings.
       inputs: paths that the work reads. A folder that contains one of them is not replaced.
-      foreign: returns the first file in a folder that no earlier run wrote, or another reason not
-        to replace the folder, and None if it may be replaced.
-      force: whether a folder is replaced if `foreign` returns None, unfinished work with other
-        settings deleted, and a lock of a dead process on another host replaced.
+      foreign: returns None if a folder may be replaced. Otherwise it returns the first file that no
+        earlier run wrote, or another reason.
+      force: whether a folder is replaced if `foreign` returns None. Unfinished work with other
+        settings is deleted then, and a lock of a dead process on another host is replaced.
       resume_files: whether the work resumes with the files of an earlier run; by default it starts
         without files.
 
     Raises:
-      InputError: if the output folder is a file, a mount or the current folder, is not empty and
-        may not be replaced, cannot be written to, or has unfinished work with other settings or of
-        another process.
+      InputError: if the output folder is a file, a mount or the current folder, cannot be written
+        to, or is not empty and may not be replaced. Also if it has unfinished work with other
+        settings or of another process.
       OSError: of the block. It names a file as if it were in the output folder already.
     """
     # Messages have the path as the user wrote it.
@@ -191,8 +191,8 @@ def locked(folder: Path, asked: str | Path, *, force: bool | None = None) -> Ite
     """Locks a folder, so that only one process at a time works in it; see `FolderLock`.
 
     A second process gets an `InputError` that names `asked`. The folder and its parents are made if
-    they do not exist, and those that were made are removed at the end if they are empty. The block
-    may remove the folder.
+    they do not exist. At the end, the folders that were made are removed if they are empty. The
+    block may remove the folder.
     """
     lock = FolderLock(folder / _LOCK)
     # The folders that are made here, the deepest one first.

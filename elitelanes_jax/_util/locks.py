@@ -6,7 +6,8 @@ and that process touches it all the time. A process that was killed leaves the f
 
 - On the same host, the next process sees that the process is dead, and replaces the lock.
 - Nobody can ask another host. If the file was not touched for `_SILENCE` seconds, the lock may be
-  replaced by force. This is too long for a process that works, and short enough to wait.
+  replaced by force. A process that works touches its file more often, and a user can wait for this
+  time.
 """
 
 import json
@@ -132,8 +133,8 @@ class FolderLock:
 
     def _remove(self, content: str) -> None:
         """Deletes the file if it has this content."""
-        # Another process may replace a dead lock at the same time. What it made has other content,
-        # and gets its name back.
+        # Another process may replace a dead lock at the same time. The file that it made has other
+        # content, and gets its name back.
         aside = self._file.with_name(f"{self._file.name}-{uuid4().hex}")
         with suppress(OSError):
             self._file.rename(aside)
@@ -174,7 +175,7 @@ class _Holder(NamedTuple):
         return json.dumps(self._asdict() | {"key": uuid4().hex})
 
     def is_here(self) -> bool:
-        """Returns whether this process can see that one."""
+        """Returns whether this process can see the holder."""
         return self.system == _system()
 
     def is_dead(self) -> bool:

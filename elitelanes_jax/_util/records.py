@@ -202,7 +202,7 @@ def inputs_among(
 
 
 def check_names(names: Iterable[str], known: Iterable[str]) -> None:
-    """Checks that all names are known; the error's message starts with the first unknown name."""
+    """Checks that all names are known; the subject of the error is the first unknown name."""
     known = list(known)
     for name in names:
         if name not in known:

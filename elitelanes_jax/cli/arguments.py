@@ -244,7 +244,8 @@ def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> 
 def naming_options(defaults: Record | SearchSpec, *only: str) -> Iterator[None]:
     """Makes errors in its block name the option instead of the field.
 
-    Those of all fields, or of some alone, because a file may have the name of another field.
+    By default all fields are renamed. `only` limits this to some fields, because a file may have
+    the name of another field.
     """
     try:
         yield

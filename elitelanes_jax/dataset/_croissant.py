@@ -1,7 +1,7 @@
 """Croissant 1.1: a description of a dataset that programs read, for search and for loading.
 
 The format is that of https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html, with fields
-of its vocabulary for responsible AI. What it says, the card says too.
+of its vocabulary for responsible AI. The card of the dataset says the same.
 """
 
 from collections.abc import Sequence

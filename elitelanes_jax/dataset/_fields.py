@@ -17,8 +17,8 @@ class Field(NamedTuple):
 
     Attributes:
       name: its name.
-      kind: that of its values, `WHOLE`, `NUMBER` or `TEXT`; None for a record.
-      axes: those of an array of values.
+      kind: the kind of its values, `WHOLE`, `NUMBER` or `TEXT`; None for a record.
+      axes: the axes of an array of values.
       parts: the fields of a record.
     """
 

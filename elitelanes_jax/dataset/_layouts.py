@@ -60,7 +60,7 @@ class Layout(NamedTuple):
       arrays: lines of Python that load a split of shards as NumPy arrays, with TARGETS and VALUE
         for what they predict.
       folders: the names of folders that differ from the name of their layer, by layer.
-      renamed: the names of objects' entries that differ from those of records, by the latter.
+      renamed: the entries of objects whose names differ from those in records, by the name there.
       note: sample -> additions to its record, for `rows`.
       needs: a package that writing it needs.
       about: text for the README about the files.

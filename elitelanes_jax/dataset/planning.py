@@ -52,8 +52,9 @@ def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
     """Loads the pictures of a dataset, and resolves its search on each size.
 
     Raises:
-      InputError: for constraints that no map can meet, given maps that cannot be drawn, objects
-        that no map has room for, a bad set of tiles or objects, or a missing package of the layout.
+      InputError: for constraints that no map can meet, given maps that cannot be drawn, or objects
+        that no map has room for. Also for a bad set of tiles or objects, or a missing package of
+        the layout.
     """
     find_layout(spec.format)
     tiles = load_tiles(spec.tiles)

@@ -256,8 +256,8 @@ def look(
       None without objects.
 
     Raises:
-      InputError: for a bad grid, a pose that is not a `Pose`, objects of several maps, or chosen
-        pictures that do not fit the grid or that the sight does not have.
+      InputError: for a bad grid, a pose that is not a `Pose`, or objects of several maps. Also for
+        chosen pictures that do not fit the grid, or that the sight does not have.
     """
     pose = check_named("pose", single(Pose), pose)
     codes = jnp.asarray(check_grid(grid))

@@ -1,7 +1,7 @@
 """What the pixels of a camera see of the ground: where they meet it, and which pixels of tiles.
 
-Positions on the map are whole numbers, in units of 2**-20 tile, because their bits are the cell,
-the pixel of the tile's picture and the rest. The map has a border of one tile of ground.
+Positions on the map are whole numbers, in units of 2**-20 tile. Their bits are the cell, the pixel
+of the tile's picture and the rest. The map has a border of one tile of ground.
 
 Pixels see smaller pictures of tiles at larger distances.
 """

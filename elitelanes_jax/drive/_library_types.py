@@ -1,6 +1,6 @@
 """The types of the wrappers, for type checkers.
 
-The libraries are not imported at run time, so the types are `Untyped` there.
+The libraries are not imported at run time. Therefore the types are `Untyped` at run time.
 """
 
 from typing import TYPE_CHECKING

@@ -65,8 +65,9 @@ class Objects(NamedTuple):
 class Billboards(NamedTuple):
     """Pictures of objects, for cameras: P pictures, V views of each of N objects.
 
-    Those of `make_billboards` have an object for each of `OBJECT_KINDS`. All rows of all pictures
-    are one after another, each of S pixels. Shorter rows are filled up with transparent pixels.
+    Billboards of `make_billboards` have an object for each of `OBJECT_KINDS`. All rows of all
+    pictures are one after another, each of S pixels. Shorter rows are filled up with transparent
+    pixels.
 
     Attributes:
       pixels: uint32 ``[R * S]``, red, green and blue from the lowest byte, row by row.
@@ -147,7 +148,8 @@ def pack_billboards(
 
     Args:
       objects: the views of each object.
-      side: that of the packed pictures in pixels, a multiple of 32; None to keep the pictures' sizes.
+      side: the side of the packed pictures in pixels, a multiple of 32; None to keep the pictures'
+        sizes.
       views: the number of packed views of each object, evenly around it.
 
     Raises:

@@ -37,8 +37,8 @@ _SEEDS = 3
 # Uniform numbers of a view: map, height, pitch, field of view, lines, and four of the pose.
 _NUMBERS = 9
 # The most further tries to draw a pose where the robot touches no object. With a dozen robots in
-# the lanes of a 5 x 5 town, a pose touches an object in one of seven cases, so 64 poses end only
-# where objects fill the lanes.
+# the lanes of a 5 x 5 town, a pose touches an object in one of seven cases. So all 64 poses fail
+# only if objects fill the lanes.
 _TRIES = 64
 # The largest pitch and field of view in degrees after a wobble. A camera looks straight down at 90,
 # and straight up at -90. At 180, the picture would have no focal length.
@@ -52,8 +52,8 @@ class Plan(NamedTuple):
       map: int32, the index of the map.
       pose: the pose of the middle between the wheels.
       movement: the movement on whose lane the pose was drawn.
-      errors: float32 ``[3]``, the offset from the lane of `movement` in tiles and the angle to it
-        in radians, both to the left, and its curvature in 1 / tiles.
+      errors: float32 ``[3]``: the offset from the lane of `movement` in tiles, the angle to it in
+        radians, and its curvature in 1 / tiles. Offset and angle are to the left.
       lane: float32 ``[3]``, the same for the nearest lane.
       cells: int32 ``[H * W]``, the picture of each cell, with the map's border.
       samples: the rows of samples.

@@ -376,8 +376,8 @@ def lane_pose(
       lane_offset: tiles from the road's middle to the centre of a lane.
 
     Raises:
-      InputError: for a bad grid, a pose that is not a `Pose`, a movement that is not a `Movement` of
-        whole numbers, or a `lane_offset` that is not over 0 and under 0.5.
+      InputError: for a bad grid, a pose that is not a `Pose`, or a movement that is not a
+        `Movement` of whole numbers. Also for a `lane_offset` that is not over 0 and under 0.5.
     """
     lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
     pose = check_named("pose", single(Pose), pose)

@@ -87,8 +87,9 @@ def make_scenes(
         pixels.
 
     Raises:
-      InputError: for an argument of another type, no map, a map without a lane, a code or an object
-        without a picture, a bad size, or objects of more than 4,096 different pictures and tags.
+      InputError: for an argument of another type, no map, a map without a lane, or a bad size. Also
+        for a code or an object without a picture, or objects of more than 4,096 different pictures
+        and tags.
     """
     road_maps = check_named("maps", as_maps, maps)
     tiles = _check_tiles(tiles)
@@ -345,7 +346,7 @@ def pack_scenes(
       road_maps: the maps.
       tiles: the tile set.
       tile_px: side of the largest pictures of tiles in pixels.
-      pictures: those of the maps' objects; None to show none.
+      pictures: the pictures of the maps' objects; None to show no objects.
       room: the least lengths of arrays.
       chosen: the tiles of each map, see `choose_tiles`; by default each view draws them. Tiles that
         are chosen are blended as the set says.

@@ -39,11 +39,12 @@ class Ways:
                 self._ways_at.setdefault(tile, []).append(way)
 
     def place_beside(self, x: float, y: float) -> Place | None:
-        """Returns where a point is beside the nearest way that it is beside, if there is one."""
+        """Returns the place of a point beside the nearest way with a perpendicular to it, or None."""
         row, column = math.floor(y), math.floor(x)
         cells = product(range(row - 1, row + 2), range(column - 1, column + 2))
         near = {way for cell in cells for way in self._ways_at.get(cell, ())}
-        # Few points are beside none of the ways near them.
+        # All ways are tried if no way near the point has a perpendicular to it. Few points need
+        # this.
         places = self._places(near, x, y) or self._places(range(len(self._curves)), x, y)
         return min(places, default=None)
 
@@ -64,7 +65,7 @@ class Ways:
 def _foot_on(curve: Curve, x: float, y: float) -> tuple[float, float] | None:
     """Returns where a point is beside a curve: the length along it, and the distance to the left.
 
-    Returns None for a point that is beside none of it.
+    Returns None if no perpendicular of the curve leads to the point.
     """
     ahead = SIDES[curve.heading]
     east, south = x - curve.x, y - curve.y

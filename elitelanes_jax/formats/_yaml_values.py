@@ -26,7 +26,7 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
     """Returns the number under a name.
 
     Raises:
-      InputError: if there is no finite number; the message starts with the name.
+      InputError: if there is no finite number; its subject is the name.
     """
     value = values.get(name, default)
     with suppress(TypeError, ValueError):

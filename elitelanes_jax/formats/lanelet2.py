@@ -3,8 +3,8 @@
 The files are OpenStreetMap's XML.
 
 Lanelets that follow each other share the ends of their bounds, and oncoming ones the middle of the
-road. Read a map with ``UtmProjector(Origin(LAT, LON))`` of its origin, which is 0, 9 by default, or
-by its tags ``local_x`` and ``local_y``, in metres from the grid's south-west corner.
+road. Read a map with ``UtmProjector(Origin(LAT, LON))`` of its origin, by default 0, 9. Or read the
+tags ``local_x`` and ``local_y``, in metres from the grid's south-west corner.
 """
 
 from itertools import count, groupby, islice

@@ -37,8 +37,8 @@ from elitelanes_jax.lanes.movements import BACK, LaneNode
 # is less. Readers join points that are up to 0.05 m apart. It displaces turning lanes by 0.02 m.
 _INSET, _MOST_INSET = 0.05, 1 / 128
 
-# A lane around a dead end is narrower in its middle, so that its inner edge is no point: in parts
-# of its width.
+# The part of its width by which a lane around a dead end is narrower in its middle. Without it, the
+# inner edge would be a point.
 _ISLAND = 1 / 20
 
 # The types of signs in the German road traffic regulations (StVO), and their subtypes.
@@ -133,8 +133,8 @@ def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str =
     paths = cut_roads(scene.links, nodes)
     tiles = sorted({tile for path in paths for tile in (path[0], path[-1])})
     junctions = {tile: number for number, tile in enumerate(tiles, 1)}
-    # CARLA takes a number for a road if there is one with it, so roads are numbered after
-    # junctions.
+    # CARLA takes a number for the number of a road if a road has it. Therefore roads are numbered
+    # after junctions.
     first = len(junctions) + 1
     signals = list_signals(scene.road_map, scene.rights, paths)
     roads = [

@@ -47,12 +47,12 @@ def gridlock_number(codes: AnyArray, *, slots: int = 1) -> Int32[Array, ""]:
     circle of robots that wait for each other.
 
     The number holds wherever the robots start. So a ring without a crossing counts like any loop,
-    although no robot can enter it, and the shortest loop of all parts of a map counts. A map
-    without a loop has the number 0: no robot can drive on for ever. Roads to dead ends have no
-    effect. A robot that enters one cannot leave it, which is no gridlock.
+    although no robot can enter it. The shortest loop of all parts of a map counts. A map without a
+    loop has the number 0: no robot can drive on for ever. Roads to dead ends have no effect. A
+    robot that enters one cannot leave it, which is no gridlock.
 
-    The time grows with the length of the shortest loop. One core measures 200,000 maps of 8 x 8 a
-    second, and needs 10 s for a single loop that fills 128 x 128.
+    The time grows with the length of the shortest loop. One core measures over 100,000 maps of 8 x
+    8 a second, and needs 10 s for a single loop that fills 128 x 128.
 
     Args:
       codes: integer codes ``[H, W]``, repaired or not. A connection that the neighbour does not

@@ -24,9 +24,9 @@ from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.records import LONGEST_DETOUR
 from elitelanes_jax.network.sharding import divide_batches
 
-# Millimetres: a waiting car of SUMO with the gap to the next one, this gap, the distance from the
-# lane to the middle of the road, and how much of a street its two crossings take: half a road and
-# the radius of the corners at each end.
+# Lengths in millimetres. The first two are a waiting car of SUMO with the gap to the next car, and
+# this gap. The third is the distance from the lane to the middle of the road. The last is how much
+# of a street its two crossings take: half a road and the radius of the corners at each end.
 _CAR, _GAP, _LANE, _CROSSINGS = 7500, 2500, 1600, 14_400
 
 # What a right turn, no turn and a left turn add to a heading, which counts clockwise.
@@ -72,7 +72,7 @@ def gridlock_potential(
 ) -> Float32[Array, ""]:
     """Returns the expected number of full cycles of streets; `jax.vmap` it for many maps.
 
-    It is -log det(I - diag(p) T), with the chance p that a street is full, and the shares T of the
+    It is -log det(I - diag(p) T). p is the chance that a street is full. T has the shares of the
     streets onto which robots turn at its end. The series of the logarithm sums the chances of all
     closed ways along full streets, as Ihara's zeta function counts closed ways in a graph.
 

@@ -66,8 +66,8 @@ _CLEAR_COLOURS = 2.5
 _STILL = 3e-4
 # The distance within which a point is on the border, in tiles.
 _ON_BORDER = 0.008
-# The reaches, in tiles, in which a side of a single tile is looked for by colours, one after the
-# other, and the rounds at each reach.
+# A side of a single tile is looked for by colours within these reaches in tiles, one after the
+# other. Each reach has a number of rounds.
 _TILE_REACHES, _TILE_ROUNDS = (0.1, 0.05, 0.03), 4
 
 
@@ -79,8 +79,8 @@ class Fit(NamedTuple):
       spread: float ``[9, 9]``, the covariance of the view's parameters.
       alike: the correlation of the cells with the mean of their kind, 0 to 1; 0 if nothing can be
         compared.
-      border: float ``[4]``, the share of points on the borders to the north, east, south and west
-        where a border is seen within 0.8 % of a tile.
+      border: float ``[4]``, for the borders to the north, east, south and west. Each is the share
+        of points where a border is seen within 0.8 % of a tile.
     """
 
     view: FloorView

@@ -78,8 +78,8 @@ _LIMITS: dict[str, dict[str, _Limit]] = {
 # The largest spread in tiles with which the border tells the corners. With a larger one, cells or
 # colours do.
 _BORDER_TELLS = 0.002
-# A floor of square tiles whose border is seen on all sides, at this share of points at least, is in
-# its place even if its tiles differ, as hand-taped tiles do.
+# The least share of points of each side at which the border of a floor is seen. Then a floor of
+# square tiles is in its place, even if its tiles differ as hand-taped tiles do.
 _LEAST_BORDER_SEEN, _LARGEST_OUT_OF_SQUARE = 0.25, 0.012
 _REPEATS_IF_SEEN = 0.72, 0.015
 # Drawn tiles differ by this much: 1 - `repeats`. Tiles that differ more displace a fit of cells by

@@ -1,12 +1,12 @@
 """Reads the kind and the direction of every tile of a floor.
 
-They are those of the picture of a tile set that the tile's cell looks like.
+A cell has the kind and the direction of the picture of a tile set that it looks like.
 
 Each cell is compared with all pictures of the set in all rotations, displaced by up to an eighth of
 a tile, without the light: colours are relative to the ground around them. Then each cell is also
-compared with those cells of the same floor whose kind is clear, because a lab's tiles look more
-like each other than like those of another set. Neighbours agree about the side that they share.
-This is a Markov random field on the grid; belief propagation (Pearl 1982) finds its best codes.
+compared with the cells of the same floor whose kind is clear. A lab's tiles look more like each
+other than like the tiles of another set. Neighbours agree about the side that they share. This is a
+Markov random field on the grid; belief propagation (Pearl 1982) finds its best codes.
 """
 
 from collections.abc import Sequence

@@ -42,7 +42,7 @@ class Difference(NamedTuple):
         return ("", "turn left", "turn around", "turn right")[turns]
 
     def __str__(self) -> str:
-        """Returns a line of text about it, which names the cell."""
+        """Returns a line of text that names the cell and says what differs."""
         place = describe_cell(self.row, self.column)
         if KIND_OF[self.planned] == KIND_OF[self.laid]:
             return f"{place}: expected {_tile(self.planned)}, got it turned: {_sides(self.laid)}"

@@ -1,7 +1,7 @@
 """Calibrations of lenses: which distortion they have, and pictures without it.
 
-Read are the files of ROS's camera_calibration and Duckietown, ROS's messages CameraInfo, the files
-of OpenCV's calibration, and Kalibr's.
+`read_lens` reads the files of ROS's camera_calibration, of Duckietown, of OpenCV's calibration and
+of Kalibr, and ROS's messages CameraInfo.
 """
 
 import sys

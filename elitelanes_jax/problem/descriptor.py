@@ -90,7 +90,7 @@ def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
 def complete_axes(
     axes: tuple[Axis, ...] | None, preset: str, shape: tuple[int, int]
 ) -> tuple[Axis, ...]:
-    """Returns checked axes, or if there are none those of a preset, with widths for a shape.
+    """Returns checked axes, by default the axes of a preset, with widths for a shape.
 
     Width 0 is replaced by the default width on grids of the shape.
     """

@@ -123,7 +123,7 @@ def select_features(
 
 
 def check_feature(source: str, name: UserValue, features: Collection[str] | None = ()) -> str:
-    """Checks the name of a feature; messages start with `source`.
+    """Checks the name of a feature; `source` is the subject of its errors.
 
     `features` are the names of the user's features; None accepts any name.
     """

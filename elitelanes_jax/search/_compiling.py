@@ -157,8 +157,8 @@ class CompiledPrograms:
 
         An interruption does not wait for the threads that compile.
         """
-        # A generator, so that this thread, which may have settings of JAX of its own, lowers a
-        # program while the programs before it compile in other threads.
+        # A generator, so that this thread lowers a program while the programs before it compile in
+        # other threads. This thread may have settings of JAX of its own.
         calls = (partial(compile_at, lower(key.program, key.device), key.level) for key in keys)
         programs = side_by_side(calls, wait=False)
         self._keep(keys, programs)

@@ -77,7 +77,7 @@ def check_options(
       without: the names that are not allowed here.
 
     Raises:
-      InputError: for an unknown name or a wrong value; the message starts with the name.
+      InputError: for an unknown name or a wrong value; its subject starts with the name.
     """
     known = [name for name in (*OPTIONS, "large") if name not in without]
     check_names(options, known)

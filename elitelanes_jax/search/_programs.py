@@ -201,7 +201,7 @@ class Programs:
         return self._run(COLLECT, jax.local_devices()[0], setup, states), states
 
     def divide(self, tree: Pytree) -> list[Pytree]:
-        """Returns the keys or the states of each part, from those of all seeds."""
+        """Divides the keys or the states of all seeds into parts."""
         return cut(tree, self._devices)
 
     def _advance(
@@ -250,7 +250,7 @@ def find_programs(
 ) -> Programs:
     """Returns the programs of a search.
 
-    They are those of an earlier call if there was one of the same shapes. The devices share the
+    They are the programs of an earlier call if a call had the same shapes. The devices share the
     seeds. `floats` says whether the user's functions compute with floats.
     """
     numbers, structure = jax.tree.flatten(setup)

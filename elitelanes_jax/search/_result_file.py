@@ -37,8 +37,8 @@ from elitelanes_jax.search.settings import CUSTOM
 _FORMAT = "elitelanes result, version 1"
 
 # The arrays of a file: the dtype (or the allowed dtypes) and the axes. S is the axis of seeds,
-# which the result of one key lacks, N of the elites' slots, H and W of rows and columns, D of the
-# descriptor's axes, G of generations.
+# which the result of one key lacks. N is the axis of the elites' slots, H of rows, W of columns, D
+# of the descriptor's axes, G of generations.
 _FITNESS = ("int32", "float32")
 _ELITES: dict[str, tuple[str | tuple[str, ...], str]] = {
     "grids": ("int8", "SNHW"),
@@ -105,7 +105,7 @@ def write_result(file: Path, result: StoredResult, *, state: bool) -> None:
 def read_result(path: str | Path) -> StoredResult:
     """Reads what `write_result` wrote. See `Result.load` for the errors."""
     settings, arrays = read_npz(path)
-    # Each step continues the message with what is wrong, so that the file is named once.
+    # The errors of these steps say only what the file is. The file is named once, here.
     try:
         search, config, functions, seed = _read_settings(settings, arrays)
         state = _read_state(arrays)
@@ -168,7 +168,7 @@ def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
 def _read_settings(
     settings: Plain, arrays: Mapping[str, np.ndarray]
 ) -> tuple[Search, Config | None, tuple[tuple[str, str], ...], int | None]:
-    """Reads the search, configuration, functions and seed; error messages continue "got"."""
+    """Reads the search, configuration, functions and seed; errors say what the file is."""
     if not isinstance(settings, dict) or "format" not in settings:
         raise InputError("", "", "a file without options")
     if settings["format"] != _FORMAT:
@@ -202,7 +202,7 @@ def _parse_settings(
 
 
 def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:
-    """Reads the digests of the user's functions; error messages continue "got"."""
+    """Reads the digests of the user's functions."""
     digests = settings.get("functions", {})
     if not isinstance(digests, dict) or not all(isinstance(text, str) for text in digests.values()):
         raise InputError("functions", "digests by name", shorten(repr(digests)))
@@ -237,7 +237,7 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
 def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
     """Checks names, dtypes and shapes of arrays against each other and a search.
 
-    Error messages continue "got".
+    Errors say what the file is.
     """
     # The first array with an axis determines its size, and all later arrays have to agree.
     sizes = {"D": len(search.axes)}

@@ -239,8 +239,8 @@ class TraceableSearch:
             function.__name__ = prefix + name
             self._programs[name] = jax.jit(function, keep_unused=True)
 
-    # Not a cached property: Python 3.11 computes one of these at a time, of whatever object, so
-    # that a thread which traces and a thread which waits to trace would wait for each other.
+    # Not a cached property, because Python 3.11 computes one cached property at a time, of whatever
+    # object. A thread which traces and a thread which waits to trace would wait for each other.
     @property
     def facts(self) -> SearchFacts:
         """What is known of the search. Traces the optimiser if they were not given."""

@@ -1,7 +1,7 @@
 """Compiled programs on disk: only the first run on a machine waits for the compiler.
 
 JAX keeps what it compiles in a folder, but finds it only after a program was traced and lowered.
-The programs of a search are therefore kept in a file of their own beside those of JAX, and a later
+Therefore the programs of a search are kept in a file of their own, beside the files of JAX. A later
 process loads them as they run.
 """
 
@@ -242,7 +242,7 @@ def announce_refused(file: Path, error: Exception) -> None:
 def save(file: Path, content: Untyped) -> None:
     """Writes a file, and removes the least recently used files beyond the limit.
 
-    A full disk keeps none.
+    No file is kept on a full disk.
     """
     with suppress(OSError):
         # The fastest level leaves a tenth of the bytes.

@@ -20,7 +20,7 @@ _CHECKED_AT_ONCE = 2**16
 class MeasuredElites(NamedTuple):
     """The grids that a run has found, in N slots, some of which may be vacant.
 
-    Of MAP-Elites, slot n is niche n: ``numpy.unravel_index(n, bins)`` has its bin on each axis,
+    For MAP-Elites, slot n is niche n: ``numpy.unravel_index(n, bins)`` has its bin on each axis,
     with ``bins = [axis.bins for axis in result.search.axes]``. Arrays of several seeds have an axis
     of seeds in front, ``[S, N, ...]``.
 

@@ -62,7 +62,7 @@ class Result:
         return 1 if self.elites.fitness.ndim == 1 else len(self.elites.fitness)
 
     def with_seed_axis(self) -> "Result":
-        """Returns the result with an axis of seeds in front, which that of one key lacks."""
+        """Returns the result with an axis of seeds in front, which the result of one key lacks."""
         if self.elites.fitness.ndim > 1:
             return self
         return self._map_seeded(lambda array: array[None])

@@ -110,8 +110,8 @@ def choose_maps(
     With an inventory, the metrics of a map also say how many tiles of each kind it leaves.
 
     Every niche gives one map before any niche gives a second, and the seeds give equally many maps
-    if possible. If the specification has targets, maps are instead chosen one by one, so that the
-    energy distance between the features of the chosen maps and the targets is smallest. Niches in
+    if possible. If the specification has targets, maps are instead chosen one by one. Each makes
+    the energy distance between the features of the chosen maps and the targets smallest. Niches in
     the axes' target bins come before all others.
 
     Args:
