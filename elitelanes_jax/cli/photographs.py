@@ -256,12 +256,12 @@ def _read(options: argparse.Namespace) -> int:
         if file is not None:
             check_new(file)
     # The plan does not tell the kinds. It is what they are compared with.
-    found = find_floor(floor._replace(codes=None), options.camera, load_tiles(options.tiles))
+    found_floor = find_floor(floor._replace(codes=None), options.camera, load_tiles(options.tiles))
     # A floor that was not found has no codes that mean anything.
-    if found.refusal:
-        raise InputError("", "", found.refusal)
+    if found_floor.refusal:
+        raise InputError("", "", found_floor.refusal)
     # The photograph may be taken from any side of the floor.
-    laid = read_laid(found.proposal, None if plan is None else plan.codes)
+    laid = read_laid(found_floor.proposal, None if plan is None else plan.codes)
     # The map comes first, then unsure tiles, then differences from the plan.
     lines = [draw_text(laid.codes, named=True)]
     lines += [f"{describe_cell(*cell)}: unsure" for cell in laid.unsure]
@@ -278,7 +278,7 @@ def _read(options: argparse.Namespace) -> int:
         from elitelanes_jax.tiles.rendering import write_png
 
         with never_replacing(options.picture):
-            write_png(options.picture, draw_laid(found.photograph, found.proposal, laid))
+            write_png(options.picture, draw_laid(found_floor.photograph, found_floor.proposal, laid))
     say("\n".join(lines), asked=True)
     return 0
 

@@ -89,7 +89,7 @@ def describe_croissant(
     licence = about["tile_set"]["licence"]
     if licence.lower() in LICENCES:
         licence = f"https://spdx.org/licenses/{licence}"
-    classes = ", ".join(f"{one['label']} {one['name']}" for one in about["classes"])
+    classes = ", ".join(f"{entry['label']} {entry['name']}" for entry in about["classes"])
     writer = _Writer(out, contents, layout, splits, present, classes)
     return {
         "@context": _CONTEXT,

@@ -126,8 +126,8 @@ class RobotViews:
         """Returns the scenes of a batch, and the pictures of objects by their indices."""
         settings, pictures = self._settings, None
         # Furnished maps may have more objects than the maps before.
-        own = Room.for_maps(maps, has_objects=self._has_objects)
-        room = Room(*map(max, self._room, own))
+        map_room = Room.for_maps(maps, has_objects=self._has_objects)
+        room = Room(*map(max, self._room, map_room))
         if room.objects > _MOST_OBJECTS:
             most = max(len(road_map.objects or ()) for road_map in maps)
             if most > _MOST_OBJECTS:

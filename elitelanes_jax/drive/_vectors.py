@@ -140,12 +140,12 @@ def gymnasium_vector_env(
 
         def set_attr(self, name: str, values: UserValue) -> None:
             self.check_settable(name)
-            each = values if isinstance(values, list | tuple) else [values]
-            if not each or any(value is not each[0] for value in each):
+            options = values if isinstance(values, list | tuple) else [values]
+            if not options or any(value is not options[0] for value in options):
                 raise InputError(
-                    "set_attr", "one params, which all environments share", f"{len(each)} of them"
+                    "set_attr", "one params, which all environments share", f"{len(options)} of them"
                 )
-            self.params = each[0]
+            self.params = options[0]
 
     return VectorEnv()
 

@@ -352,10 +352,10 @@ def _zip_of(folder: Path) -> bytes:
 
 def _copy_aside(folder: Path) -> Path:
     """Copies a folder to a new name next to it, so that nothing in it is lost."""
-    kept = free_name(folder.resolve(), f"{folder.name}.before")
-    with output_folder(kept, {"command": "tiles edit"}) as work:
+    copy = free_name(folder.resolve(), f"{folder.name}.before")
+    with output_folder(copy, {"command": "tiles edit"}) as work:
         shutil.copytree(folder, work.files, symlinks=True, dirs_exist_ok=True)
-    return kept
+    return copy
 
 
 def _stamp_of(folder: Path) -> list[tuple[str, int, int]]:

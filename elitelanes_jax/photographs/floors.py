@@ -105,20 +105,20 @@ def cut_floors(floors: Sequence[Floor], lens: Lens | None) -> CutFloors:
     result = CutFloors([], [], [], [], [])
     for floor in floors:
         try:
-            found = find_floor(floor, lens)
+            found_floor = find_floor(floor, lens)
         except InputError as error:
             # The tiles of the other photographs are still written, because finding them may have
             # taken minutes.
             result.refused.append(str(error))
             continue
         # A photograph that is refused stays on the sheet, where its outlines show what went wrong.
-        result.proposals.append(found.proposal)
-        result.pictures.append(draw_proposal(found.photograph, found.proposal))
-        if found.refusal:
-            result.refused.append(found.refusal)
+        result.proposals.append(found_floor.proposal)
+        result.pictures.append(draw_proposal(found_floor.photograph, found_floor.proposal))
+        if found_floor.refusal:
+            result.refused.append(found_floor.refusal)
             continue
-        result.used.append((floor.file, found.proposal))
-        result.cuts.extend(cut_tiles(found.photograph, found.proposal, result.cuts))
+        result.used.append((floor.file, found_floor.proposal))
+        result.cuts.extend(cut_tiles(found_floor.photograph, found_floor.proposal, result.cuts))
     return result
 
 
@@ -128,10 +128,10 @@ def write_set(out: Path, floors: CutFloors) -> Path | None:
     Returns where the earlier files of the folder are kept, None if it had none. After an error they
     are back in their place.
     """
-    kept = None
+    earlier_set = None
     if out.is_dir() and any(out.iterdir()):
         # Renamed, so that nothing in it is lost.
-        kept = out.rename(free_name(out, f"{out.name}.before"))
+        earlier_set = out.rename(free_name(out, f"{out.name}.before"))
     try:
         # The folder appears complete or not at all.
         with output_folder(out, {"command": "tiles cut"}) as work:
@@ -141,7 +141,7 @@ def write_set(out: Path, floors: CutFloors) -> Path | None:
             sheet = draw_sheet(title, floors.pictures, floors.proposals, tiles)
             write_png(work.files / "sheet.png", sheet)
     except BaseException:
-        if kept is not None and not out.exists():
-            kept.rename(out)
+        if earlier_set is not None and not out.exists():
+            earlier_set.rename(out)
         raise
-    return kept
+    return earlier_set

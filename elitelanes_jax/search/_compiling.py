@@ -129,11 +129,11 @@ class CompiledPrograms:
     def _load(self, keys: Sequence[ProgramKey]) -> list[ProgramKey]:
         """Loads the programs that the file has; returns the keys of the others."""
         stored = self._stored.programs
-        found = [key for key in keys if key.in_file in stored]
-        if not found:
+        stored_keys = [key for key in keys if key.in_file in stored]
+        if not stored_keys:
             return [*keys]
         calls = []
-        for key in found:
+        for key in stored_keys:
             load_program = partial(deserialize_and_load, execution_devices=[key.device])
             calls.append(partial(load_program, *stored[key.in_file]))
         try:
@@ -144,8 +144,8 @@ class CompiledPrograms:
             announce_refused(self._file, error)
             self._stored = StoredPrograms()
             return [*keys]
-        self._keep(found, programs)
-        return [key for key in keys if key not in found]
+        self._keep(stored_keys, programs)
+        return [key for key in keys if key not in stored_keys]
 
     def _compile(
         self,

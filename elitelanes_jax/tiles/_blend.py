@@ -85,9 +85,9 @@ def solve_tones(
         keys = [(turned, *pair) for pair in pairs.tolist()]
         fresh = [number for number, key in enumerate(keys) if key not in known]
         if fresh:
-            found = _equations(pairs[fresh], _turn(images, turned, 1), _turn(labels, turned, 1))
+            equations = _equations(pairs[fresh], _turn(images, turned, 1), _turn(labels, turned, 1))
             for index, number in enumerate(fresh):
-                known[keys[number]] = found[0][:, index], found[1][:, index]
+                known[keys[number]] = equations[0][:, index], equations[1][:, index]
         products, sides = np.zeros((3, len(keys), 4, 4)), np.zeros((3, len(keys), 4))
         for number, key in enumerate(keys):
             products[:, number], sides[:, number] = known[key]

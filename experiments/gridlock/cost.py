@@ -45,12 +45,12 @@ def find_small_towns() -> dict[str, list[str]]:
         evaluations=EVALUATIONS,
     )
     towns: dict[str, tuple[int, list[str]]] = {}
-    for found in result.choose(10_000).maps:
-        tiles = int(np.count_nonzero(found.codes))
-        number, loops = int(gridlock_number(found.codes)), plain_measure(found.codes)["cyclomatic"]
+    for town in result.choose(10_000).maps:
+        tiles = int(np.count_nonzero(town.codes))
+        number, loops = int(gridlock_number(town.codes)), plain_measure(town.codes)["cyclomatic"]
         name = f"{number},{loops}"
         if name not in towns or tiles < towns[name][0]:
-            towns[name] = tiles, ["".join(f"{code:x}" for code in row) for row in found.codes.tolist()]
+            towns[name] = tiles, ["".join(f"{code:x}" for code in row) for row in town.codes.tolist()]
     return {name: codes for name, (_, codes) in sorted(towns.items())}
 
 
@@ -64,7 +64,7 @@ def draw_cost(towns: dict[str, list[str]], file: Path) -> None:
     grid = figure.add_gridspec(2, 7)
     ax = figure.add_subplot(grid[:, :3])
     for loops in (1, 2, 3, 4, 6, 8):
-        numbers = sorted(number for number, found in grids if found == loops)
+        numbers = sorted(number for number, count in grids if count == loops)
         tiles = [np.count_nonzero(grids[number, loops]) for number in numbers]
         (line,) = ax.plot(numbers, tiles, "o-", ms=4, label=f"{loops}")
         ax.plot(numbers, [least_tiles(number, loops) for number in numbers], "--", lw=1, color=line.get_color())

@@ -231,11 +231,11 @@ def stand(network: Network, cars: int, seed: int) -> list[Car]:
     """Returns the cars of a run of `drive` at its end."""
     simulate(network, cars, seed, (), "--fcd-output", "cars.xml", "--device.fcd.begin", str(END - 1))
     *_, last = ET.parse(network.folder / "cars.xml").getroot()
-    found = []
+    standing_cars = []
     for car in last:
         x, y, angle = (float(car.attrib[name]) for name in ("x", "y", "angle"))
-        found.append(Car(car.attrib["lane"].rpartition("_")[0], x, y, angle))
-    return found
+        standing_cars.append(Car(car.attrib["lane"].rpartition("_")[0], x, y, angle))
+    return standing_cars
 
 
 def simulate(network: Network, cars: int, seed: int, loop: Sequence[str], *outputs: str) -> None:

@@ -164,10 +164,10 @@ def to_tables(summaries: Mapping[str, Summary]) -> str:
             f"in {summary['towns_that_jam']} towns. The halves of the runs correlate by {summary['halves']:.2f}.\n\n"
         )
         rows = []
-        for name, found in summary["predictors"].items():
-            difference = "" if name == "potential" else _range(found["potential_minus_it"])
-            jams, speed = f"{found['jams']:+.2f}", f"{found['speed']:+.2f}"
-            rows.append([PREDICTORS[name], jams, _range(found["interval"]), difference, speed])
+        for name, correlation in summary["predictors"].items():
+            difference = "" if name == "potential" else _range(correlation["potential_minus_it"])
+            jams, speed = f"{correlation['jams']:+.2f}", f"{correlation['speed']:+.2f}"
+            rows.append([PREDICTORS[name], jams, _range(correlation["interval"]), difference, speed])
         head = ("predictor", "jammed runs", "95 %", "potential minus it, 95 %", "mean speed")
         text += table(head, rows) + "\n"
     rows = []

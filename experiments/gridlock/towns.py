@@ -25,7 +25,7 @@ def make_towns() -> dict[str, list[list[int]]]:
     for number, size in enumerate(SIZES):
         keys = jax.random.split(jax.random.key(_KEY + number), _SEEDS)
         result = evolve(keys, size, style="town", where="crossings=0..", evaluations=_EVALUATIONS)
-        grids = np.stack([np.asarray(found.codes, np.int8) for found in result.choose(10_000).maps])
+        grids = np.stack([np.asarray(road_map.codes, np.int8) for road_map in result.choose(10_000).maps])
         crossings = np.asarray(jax.vmap(measure)(grids).crossings)
         girth = np.asarray(jax.vmap(gridlock_number)(grids)) + 1
         several = [index for index in range(len(grids)) if crossings[index] >= 2]

@@ -173,7 +173,7 @@ function paintLattice(context: CanvasRenderingContext2D, { height, width }: Grid
   context.stroke();
 }
 
-/** Writes letters along the northern border and numbers along the western one, as on a chess board. */
+/** Writes letters along the northern border and numbers along the western one, as on a spreadsheet. */
 function paintNames(context: CanvasRenderingContext2D, grid: Grid, scale: number, ratio: number): void {
   const write = (name: string, x: number, y: number) => {
     context.strokeText(name, x, y);
