@@ -41,20 +41,21 @@ def places(house: nx.DiGraph) -> dict[str, tuple[float, float]]:
     # A room moves down to its own imports, where the arrows are short.
     for room in reversed(list(nx.topological_sort(house))):
         floors[room] = min((floors[other] for other in house.successors(room)), default=floors[room] + 1) - 1
-    found: dict[str, tuple[float, float]] = {}
+    positions: dict[str, tuple[float, float]] = {}
     by_floor = sorted(floors, key=lambda room: (floors[room], room))
-    for floor, group in groupby(by_floor, key=floors.get):
+    for floor, group in groupby(by_floor, key=lambda room: floors[room]):
         above = {
-            room: [found[other][0] for other in house.predecessors(room) if other in found] or [0.0] for room in group
+            room: [positions[other][0] for other in house.predecessors(room) if other in positions] or [0.0]
+            for room in group
         }
         order = sorted(above, key=lambda room: (sum(above[room]) / len(above[room]), room))
         for index, room in enumerate(order):
-            found[room] = (index - (len(order) - 1) / 2) * (WIDTH + GAP), -floor * (HEIGHT + GAP)
-    return found
+            positions[room] = (index - (len(order) - 1) / 2) * (WIDTH + GAP), -floor * (HEIGHT + GAP)
+    return positions
 
 
 def draw(house: nx.DiGraph) -> Figure:
-    """Draws each room with its number of lines, and an arrow to each room that it imports."""
+    """Draws each room with its number of lines, in hundreds, and an arrow to each room that it imports."""
     place = places(house)
     across = max(x for x, _ in place.values()) - min(x for x, _ in place.values()) + WIDTH + 0.4
     down = max(-y for _, y in place.values()) + HEIGHT + 0.4
@@ -69,7 +70,7 @@ def draw(house: nx.DiGraph) -> Figure:
         box = FancyBboxPatch(corner, WIDTH, HEIGHT, boxstyle="round,pad=0,rounding_size=0.1", fc=FILL, ec=INK)
         ax.add_patch(box)
         ax.text(x, y + 0.08, room, ha="center", va="center", fontsize=12, color=INK, weight="bold")
-        ax.text(x, y - 0.16, f"{lines_of(room):,} lines", ha="center", va="center", fontsize=9, color=INK)
+        ax.text(x, y - 0.16, f"{round(lines_of(room), -2):,} lines", ha="center", va="center", fontsize=9, color=INK)
     middle = (min(x for x, _ in place.values()) + max(x for x, _ in place.values())) / 2
     ax.set_xlim(middle - across / 2, middle + across / 2)
     ax.set_ylim(-down + HEIGHT / 2 + 0.2, HEIGHT / 2 + 0.2)

@@ -278,7 +278,9 @@ def _read(options: argparse.Namespace) -> int:
         from elitelanes_jax.tiles.rendering import write_png
 
         with never_replacing(options.picture):
-            write_png(options.picture, draw_laid(found_floor.photograph, found_floor.proposal, laid))
+            write_png(
+                options.picture, draw_laid(found_floor.photograph, found_floor.proposal, laid)
+            )
     say("\n".join(lines), asked=True)
     return 0
 

@@ -140,12 +140,14 @@ def gymnasium_vector_env(
 
         def set_attr(self, name: str, values: UserValue) -> None:
             self.check_settable(name)
-            options = values if isinstance(values, list | tuple) else [values]
-            if not options or any(value is not options[0] for value in options):
+            params = values if isinstance(values, list | tuple) else [values]
+            if not params or any(value is not params[0] for value in params):
                 raise InputError(
-                    "set_attr", "one params, which all environments share", f"{len(options)} of them"
+                    "set_attr",
+                    "one params, which all environments share",
+                    f"{len(params)} of them",
                 )
-            self.params = options[0]
+            self.params = params[0]
 
     return VectorEnv()
 
