@@ -1,4 +1,4 @@
-/** Where the tiles are in a photograph: a homography and the bend of the lens, as `View` of tiles/photographs/views.py. */
+/** Where the tiles are in a photograph: a homography and the bend of the lens, as `View` of photographs/_views.py. */
 
 export type Point = readonly [x: number, y: number];
 

@@ -13,7 +13,7 @@ import {
 } from "./masks";
 import type { Point, View } from "./view";
 
-/** The values of `Proposal` in tiles/photographs/proposals.py that the page reads. */
+/** The values of `Proposal` in photographs/proposals.py that the page reads. */
 export interface Proposal extends View {
   readonly corners: readonly Point[];
   readonly codes: readonly (readonly number[])[];
@@ -75,7 +75,7 @@ export interface Served {
   readonly problems: readonly string[];
 }
 
-/** The least score of a proposal or a cell that is sure, as in tiles/photographs/proposals.py. */
+/** The least score of a proposal or a cell that is sure, as in photographs/_judging.py. */
 export const SURE = 0.5;
 
 /** The kinds by the names of their folders, and the codes of each, turned counter-clockwise from one to the next. */
