@@ -219,6 +219,8 @@ def _read_dataset(folder: Path) -> list[_SourceMap]:
             for line in lines:
                 number, road_map = _read_sample(line)
                 by_number[number] = _SourceMap(str(file), road_map)
+        except InputError as error:
+            raise error.within(file) from None
         except (ValueError, RecursionError) as error:
             raise InputError(file, "the metadata of a dataset", error) from None
     # The shape is part of the key, because grids of different shapes may have the same bytes.

@@ -163,7 +163,9 @@ def _read_record(folder: Path) -> dict[str, Plain]:
 def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
     try:
         return GenerateSpec(**settings | {"search": spec_from_plain(settings["search"])})
-    except (InputError, TypeError, KeyError) as error:
+    except InputError as error:
+        raise error.within(folder / RECORD) from None
+    except (TypeError, KeyError) as error:
         raise InputError(folder / RECORD, "settings of a run", error) from None
 
 

@@ -110,7 +110,7 @@ WRONG = {
     "one has no device": ({"device": None}, "part-2: expected a part of a run, made by"),
     "all have settings that are none": (
         lambda part: [settings(one, seeds=-1) for one in (part, part.with_name("part-1"))],
-        "run.json: expected settings of a run, got seeds: expected a whole number",
+        "run.json: seeds: expected a whole number",
     ),
     "the folder is there": (lambda part: shutil.copytree(part, part.with_name("out")), "got one with files"),
 }

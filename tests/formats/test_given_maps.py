@@ -88,8 +88,8 @@ def test_several_maps_are_several(file):
     [
         (b"\xff", "expected a readable JSON file"),
         (b"[" * 100_000, "expected the metadata of a dataset, got maximum recursion"),
-        (b'{"number": "b", "codes": [[6, 3], [12, 9]]}', "metadata of a dataset, got expected a sample with a number"),
-        (b'{"number": 1, "codes": [[99]]}', "metadata of a dataset, got grid: expected tile codes 0 to 15"),
+        (b'{"number": "b", "codes": [[6, 3], [12, 9]]}', "expected a sample with a number"),
+        (b'{"number": 1, "codes": [[99]]}', "grid: expected tile codes 0 to 15"),
     ],
 )
 def test_bad_metadata_of_a_dataset_is_named(content, words, tmp_path):
@@ -97,7 +97,7 @@ def test_bad_metadata_of_a_dataset_is_named(content, words, tmp_path):
     (tmp_path / "a.jsonl").write_text('{"number": 0, "codes": [[6, 3], [12, 9]]}\n')
     assert parse_given(tmp_path).maps[0].codes.tolist() == [[6, 3], [12, 9]]
     (tmp_path / "b.jsonl").write_bytes(content)
-    with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path))}.b.jsonl: .*{words}"):
+    with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path))}.b.jsonl: {words}"):
         parse_given(tmp_path)
 
 
