@@ -78,8 +78,15 @@ def read_input(file: str | Path, limit: int, kind: str) -> str:
 
 
 def read_json(file: str | Path) -> Plain:
-    """Reads a file of JSON, at most 32 MiB; see `read_text` and `parse_json` for the errors."""
-    return parse_json(read_text(file, 32 * MIB))
+    """Reads a file of JSON, at most 32 MiB; see `read_text` and `parse_json` for the errors.
+
+    Each `InputError` names the file.
+    """
+    text = read_text(file, 32 * MIB)
+    try:
+        return parse_json(text)
+    except InputError as error:
+        raise error.within(file) from None
 
 
 def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:

@@ -93,9 +93,9 @@ def output_folder(
         without files.
 
     Raises:
-      InputError: if the output folder is a file, a mount or the current folder, cannot be written
-        to, or is not empty and may not be replaced. Also if it has unfinished work with other
-        settings or of another process.
+      InputError: if the output folder is a file, a mount or the current folder, or cannot be
+        written to. Also if it is not empty and may not be replaced. Also if it has unfinished work
+        with other settings or of another process.
       OSError: of the block. It names a file as if it were in the output folder already.
     """
     # Messages have the path as the user wrote it.

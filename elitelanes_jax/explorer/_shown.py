@@ -273,6 +273,9 @@ def _read_record(file: Path) -> dict[str, Plain]:
         if has_unfinished(file.parent):
             hint = "its search is unfinished, the same generate command resumes it"
         raise InputError(file.parent, "a folder with run.json", "one without", hint) from None
+    except InputError:
+        # The error names the file.
+        raise
     except (ValueError, RecursionError) as error:
         raise InputError(file, "the JSON of a run", shorten(str(error))) from None
     # All records of this package have the versions.

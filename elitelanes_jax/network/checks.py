@@ -64,7 +64,7 @@ def check_grid(grid: AnyArray) -> AnyArray:
     The result is an array of JAX if the grid is one, otherwise an array of NumPy.
 
     Under `jax.jit` and `jax.vmap` codes are unknown and not checked. Kernels read the four lowest
-    bits of a code, so that 31 and -1 count as 15.
+    bits of a code, therefore 31 and -1 count as 15.
 
     Raises:
       InputError: if it is not two-dimensional, has a side under 1 or over `LONGEST_SIDE`, holds

@@ -12,7 +12,7 @@ slot. So the slots of a circle of waiting robots are a closed way along lanes, a
 taken. A way that never turns back and closes contains a loop, with at least as many tiles as the
 girth. Conversely, robots that fill a lane of the shortest loop and stay on it are in gridlock. A
 loop with a crossing can get full while all its robots move: the last robot comes in there. Without
-a circle, the first robot of each queue can move, so that nobody waits for ever.
+a circle, the first robot of each queue can move, and nobody waits for ever.
 
 The theorem is this project's. ``docs/gridlock.md`` has the proof with its steps, a search of all
 states of small networks, and what does not hold in other models.

@@ -103,11 +103,9 @@ def _read_rows(file: str | Path) -> Plain:
         content = read_json(file)
     except OSError as error:
         raise InputError(file, "", reason(error)) from None
-    except InputError as error:
-        # The error for a file that is too large already names it.
-        if error.subject == str(file):
-            raise
-        raise error.within(file) from None
+    except InputError:
+        # The error names the file.
+        raise
     except (ValueError, RecursionError) as error:
         # The file is no text, no JSON, or has a number with too many digits.
         raise InputError(file, "JSON", error) from None

@@ -2,7 +2,7 @@
 
 MAP-Elites fills niches of gridlock number and cyclomatic number with towns of few tiles, that keep Duckietown's rules.
 
-A town of one part has at least number + 1 tiles around each of its loops + 1 faces, and a link is on the border of two
+A town of one part has at least number + 1 tiles around each of its loops + 1 faces. A link is on the border of two
 faces. So it has at least (number + 1)(loops + 1) / 2 links, and loops - 1 tiles fewer than links.
 """
 

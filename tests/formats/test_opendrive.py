@@ -118,8 +118,8 @@ each_map = pytest.mark.parametrize("road_map", KINDS_OF_MAPS.values(), ids=KINDS
 @each_map
 @pytest.mark.parametrize("streets", [Streets(), Streets(8, 3.2, 5, "priority"), DUCKIETOWN])
 def test_roads_have_what_strict_and_plain_readers_ask_for(road_map, streets):
-    """py123d asks for an elevation and a lane offset, maliput for no value without a unit, tactics2d for the speed of
-    lanes and rules of lane changes; maliput and Scenic take roads under 0.05 m for points."""
+    """py123d asks for an elevation and a lane offset, and maliput for no value without a unit. tactics2d asks for the
+    speed of lanes and rules of lane changes. maliput and Scenic take roads under 0.05 m for points."""
     root = ET.fromstring(to_opendrive(road_map, streets, name="a & b"))
     assert root.find("header").get("name") == "a & b"
     for road in root.iter("road"):
