@@ -46,7 +46,7 @@ def gridlock_number(codes: AnyArray, *, slots: int = 1) -> Int32[Array, ""]:
     theorem and its model are in this module's text: robots keep crossings clear, and gridlock is a
     circle of robots that wait for each other.
 
-    The number holds wherever the robots start. So a ring without a crossing counts like any loop,
+    The number holds for every start of the robots. So a ring without a crossing counts like any loop,
     although no robot can enter it. The shortest loop of all parts of a map counts. A map without a
     loop has the number 0: no robot can drive on for ever. Roads to dead ends have no effect. A
     robot that enters one cannot leave it, which is no gridlock.

@@ -14,7 +14,7 @@ _MARKER = re.compile(rb"\xff+([^\x00\xff])", re.DOTALL)
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 # The markers that no length follows.
 _LONE = {0x01, *range(0xD0, 0xD9)}
-# The marker of data of applications, of which EXIF is one.
+# The marker of data of applications, such as EXIF.
 _APPLICATION = 0xE1
 # The markers of pixels, which come after all other segments, and of the end.
 _PIXELS, _END = 0xDA, 0xD9

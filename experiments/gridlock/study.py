@@ -71,8 +71,8 @@ def runs_of(grid: NDArray[np.int8], setting: Setting, seeds: int) -> Runs:
 
     Returns:
       The runs of each kind. "usual": a number of cars for each link. "below": one car less than fills the loop of
-      streets that the fewest cars fill. "below_loop": as many, all of which drive to this loop and around it.
-      "above_loop": twice as many as fill this loop, which drive so too.
+      streets that the fewest cars fill. "below_loop": as many cars, which all drive to this loop and around it.
+      "above_loop": twice as many cars as fill this loop, which drive in the same way.
     """
     links = sum(code.bit_count() for code in grid.ravel().tolist()) // 2
     with tempfile.TemporaryDirectory() as folder:
