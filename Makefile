@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard readers metadrive pufferdrive rl sb3 shards ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism gridlock driving-speed clean
+.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk onnx interop cluster mujoco pack-town pack-paper pack-city pack-hard readers metadrive pufferdrive rl sb3 shards ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism gridlock driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -172,6 +172,7 @@ EXTRAS-simulators := dev,sumo
 EXTRAS-marimo := dev,marimo
 EXTRAS-interop := dev,interop,plots
 EXTRAS-rl := dev,rl
+EXTRAS-onnx := dev,training,onnx
 EXTRAS-cluster := dev,cluster,dask
 EXTRAS-sb3 := dev,sb3
 EXTRAS-ued := dev,experiments,ued
@@ -183,7 +184,7 @@ BARE-sb3 := pufferlib-core==3.0.23
 MORE-mujoco := usd-core==26.11 mujoco-mjx
 MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
-$(patsubst %,.venv-%/.ready,mujoco shards sumo simulators marimo interop cluster rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
+$(patsubst %,.venv-%/.ready,mujoco onnx shards sumo simulators marimo interop cluster rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]' \
@@ -316,6 +317,18 @@ perception: $(READY) .venv-gym-duckietown/.ready
 	$(SEE).pictures test --only people --poses 12 --out $(SEEN)/photos.npz
 	$(SEE).evaluate $(SEEN)/photos.npz --pose $(SEEN)/pose.npz --labels $(SEEN)/labels.npz --out $(SEEN)/tables.md
 	$(SEE).rides $(SEEN)/pose.npz --only people --out $(SEEN)/pose-rides.json
+
+# Networks as ONNX files, compared with JAX in the pictures of make perception, and rides by the file alone.
+SEE_ONNX := .venv-onnx/bin/python -m experiments.perception.gym_duckietown
+
+onnx: .venv-onnx/.ready .venv-gym-duckietown/.ready
+	.venv-onnx/bin/python -m pytest tests/experiments/test_onnx.py
+	test -f $(SEEN)/photos.npz || $(SEE_ONNX).pictures test --only people --poses 12 --out $(SEEN)/photos.npz
+	for task in pose labels; do \
+	  $(SEE_ONNX).export_onnx $$task --out $(SEEN)/$$task.onnx --pictures $(SEEN)/photos.npz || exit; \
+	  $(SEE_ONNX).export_onnx $$task --out $(SEEN)/$$task-int8.onnx --int8 --pictures $(SEEN)/photos.npz || exit; \
+	done
+	$(SEE_ONNX).rides $(SEEN)/pose.onnx --only people --out $(SEEN)/onnx-rides.json
 
 # A network that learns from photographs of gym-duckietown's tiles. LAB adds options, such as LAB='--seeds 3'.
 photographs-lab: $(READY) .venv-gym-duckietown/.ready

@@ -23,12 +23,13 @@ from experiments.perception.gym_duckietown.nets import find_labels, find_poses, 
 from experiments.perception.gym_duckietown.pictures import KINDS, TILE, Pictures, read_pictures
 from experiments.perception.unet import confusion, ious
 
-__all__ = ["LabelScores", "errors_of", "label_table", "main", "pose_table", "score_labels"]
+__all__ = ["Finder", "LabelScores", "errors_of", "label_table", "main", "pose_table", "score_labels"]
 
 _RESAMPLES = 1000
 _BAND = 4  # pixels
 
 Finder = Callable[[UInt8[NDArray, "N 120 160 3"]], NDArray[np.generic]]
+"""Returns what a method finds in pictures: lane poses or labels."""
 
 
 def _classical_poses(images: UInt8[NDArray, "N 120 160 3"]) -> Float[NDArray, "N 2"]:

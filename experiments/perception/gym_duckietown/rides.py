@@ -2,7 +2,8 @@
 
     python -m experiments.perception.gym_duckietown.rides WEIGHTS --out FILE [--part test] [--seconds 60]
 
-With `--policy`, the network chooses the speed and the turn, see `policy`.
+With `--policy`, the network chooses the speed and the turn, see `policy`. WEIGHTS may also be a `pose.onnx` of
+`export_onnx`. Then `robot_node` drives, by this file alone.
 
 Physics have 30 steps a second, the network sees every second one. A ride ends when the robot leaves the drivable tiles
 or hits an object. FILE keeps each finished ride: after an interruption, the same command continues.
@@ -20,8 +21,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
 from elitelanes_jax.drive import Pose, lane_pose
-from experiments.common import Parser, Untyped, leave, run, table, whole, write
-from experiments.perception.gym_duckietown.nets import choose_actions, find_poses, read_weights
+from experiments.common import Parser, Untyped, leave, require, run, table, whole, write
+from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS, choose_actions, find_poses, read_weights
 from experiments.perception.gym_duckietown.pictures import TILE, shrink
 from experiments.perception.gym_duckietown.policy import to_motion
 from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
@@ -96,7 +97,7 @@ def _nearest(codes: NDArray[np.int8], pose: Float[NDArray, "3"]) -> Untyped:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("rides", __doc__)
-    parser.add_argument("weights", type=Path, help="file of train, or of policy")
+    parser.add_argument("weights", type=Path, help="file of train, of policy, or of export_onnx")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="rides, .json")
     parser.add_argument("--part", choices=("development", "test"), default="test")
     parser.add_argument("--seconds", type=whole(1, 600), default=60, metavar="S", help="of a ride; default 60")
@@ -141,6 +142,8 @@ def ride_on_map(
 
 def read_driver(file: Path, *, policy: bool) -> Driver:
     """Reads a driver that follows the lane that a network finds in the picture, or does what a policy chooses."""
+    if file.suffix == ".onnx":
+        return _read_pilot(file, policy=policy)
     weights = read_weights(file, "policy" if policy else "pose")
 
     def drive(seen: dict[str, Untyped]) -> Float[NDArray, "2"]:
@@ -151,6 +154,20 @@ def read_driver(file: Path, *, policy: bool) -> Driver:
         return _wheels(float(speed), float(turn))
 
     return drive
+
+
+def _read_pilot(file: Path, *, policy: bool) -> Driver:
+    require("rides by an ONNX file need", "onnxruntime")
+    from experiments.perception.gym_duckietown.robot_node import Pilot
+
+    if policy:
+        raise InputError(file, "weights of policy", "an ONNX file")
+    try:
+        pilot = Pilot(str(file))
+        pilot(np.zeros((ROWS, COLUMNS, 3), np.uint8))
+    except Exception as error:  # onnxruntime's errors have no class of their own
+        raise InputError(file, "a file of export_onnx pose", error) from None
+    return lambda seen: pilot(seen["image"])[1]
 
 
 def report(kept: dict[str, Untyped]) -> str:
