@@ -100,9 +100,11 @@ class FolderLock:
             # and the file stays.
             self._lock.acquire(blocking=False)
             try:
-                # Windows deletes no open file; there the release deletes it.
+                # Windows deletes no open file; there the release deletes it. A file with content is
+                # the lock of a host without system locks, which refused this process.
                 with suppress(OSError):
-                    self._file.unlink()
+                    if not self._file.stat().st_size:
+                        self._file.unlink()
             finally:
                 # Each call of `acquire` counts. `force` releases the lock at once, because a
                 # process that was interrupted may continue.

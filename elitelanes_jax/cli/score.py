@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,9 @@ def _score(options: argparse.Namespace) -> int:
     # Grids are measured by a compiled program.
     use_compile_cache()
     for file in options.archives:
+        if Path(file).is_dir():
+            hint = "--predictions scores a network on a dataset"
+            raise InputError(file, "an .npz of runs on a task", "a folder", hint)
         submission = Submission.load(file)
         # The messages of the scores name no file, because they are of arrays.
         with naming(file):
@@ -72,7 +76,12 @@ def _score_dataset(options: argparse.Namespace) -> int:
     if len(options.archives) > 1:
         raise InputError("--predictions", "one dataset", len(options.archives))
     split = options.split or "test"
-    scores = score_predictions(options.archives[0], options.predictions, split=split)
+    try:
+        scores = score_predictions(options.archives[0], options.predictions, split=split)
+    except InputError as error:
+        if error.subject in ("predictions", "split"):
+            error = error.replace(subject=f"--{error.subject}")
+        raise error from None
     lines = (f"{name:16}{score:.3f}" for name, score in scores.items())
     say("\n".join(lines), asked=True)
     return 0

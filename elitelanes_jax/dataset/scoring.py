@@ -46,6 +46,8 @@ def score_predictions(
     predicted = Path(check_named("predictions", path, predictions))
     index = SPLITS.index(check_named("split", one_of(*SPLITS), split))
     layout, about = _read_dataset(folder)
+    if not predicted.exists():
+        raise InputError("predictions", "a folder, or a file of COCO's results", f"none, {predicted}")
     if not about["pictures"][split]:
         raise InputError("split", f"one that has pictures in {folder}", split)
     if predicted.is_dir():
@@ -58,10 +60,10 @@ def _read_dataset(folder: Path) -> tuple[Layout, dict[str, Plain]]:
         about = read_json(folder / RECORD)
         layout, _ = LAYOUTS[about["settings"]["format"]], about["pictures"]["test"]
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("dataset", "a folder of elitelanes dataset", folder) from None
+        raise InputError(folder, "a folder of elitelanes dataset", "another one") from None
     if layout.metadata is None:
         name = about["settings"]["format"]
-        raise InputError("dataset", "the layout imagefolder or coco", name)
+        raise InputError(folder, "a dataset of the layout imagefolder or coco", name)
     return layout, about
 
 

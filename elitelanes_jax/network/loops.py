@@ -2,7 +2,7 @@
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import SIDES
 
 _Tile = tuple[int, int]
@@ -24,9 +24,9 @@ def gridlock_loop(codes: AnyArray) -> list[tuple[int, int]]:
       list of tiles is least comes first, as Python compares lists.
 
     Raises:
-      InputError: for a bad grid.
+      InputError: for a bad grid, or traced codes.
     """
-    rows = check_grid(codes).tolist()
+    rows = known_grid(codes).tolist()
     code_of = {
         (row, column): code for row, line in enumerate(rows) for column, code in enumerate(line)
     }

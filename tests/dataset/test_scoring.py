@@ -63,19 +63,21 @@ def test_wrong_labels_are_named(change, message, dataset, tmp_path):
 
 
 def test_wrong_folders_are_named(dataset, tmp_path):
-    with pytest.raises(InputError, match=r"^dataset: expected a folder of elitelanes dataset, got "):
+    with pytest.raises(InputError, match=f"^{tmp_path}: expected a folder of elitelanes dataset, got another one$"):
         score_predictions(tmp_path, tmp_path)
     with pytest.raises(InputError, match=r"^predictions: expected a grey PNG file of labels, got none, 0000..\.png$"):
         score_predictions(dataset, tmp_path)
     with pytest.raises(InputError, match="^predictions: expected a folder of labels, or a dataset of the layout coco"):
         score_predictions(dataset, dataset / "dataset.json")
+    with pytest.raises(InputError, match="^predictions: expected a folder, or a file of COCO's results, got none, nowhere"):
+        score_predictions(dataset, "nowhere")
     with pytest.raises(InputError, match="^split: expected one of train, validation, test"):
         score_predictions(dataset, tmp_path, split="val")
     make_dataset(small(tile_px=16, split=(1, 0, 0)), tmp_path / "train")
     with pytest.raises(InputError, match="^split: expected one that has pictures in .*, got test$"):
         score_predictions(tmp_path / "train", tmp_path)
     make_dataset(small(tile_px=16, format="webdataset"), tmp_path / "tar")
-    with pytest.raises(InputError, match="^dataset: expected the layout imagefolder or coco, got webdataset$"):
+    with pytest.raises(InputError, match="tar: expected a dataset of the layout imagefolder or coco, got webdataset$"):
         score_predictions(tmp_path / "tar", tmp_path)
 
 

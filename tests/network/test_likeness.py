@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from oracle import difference as slow_difference
 
 from elitelanes_jax import InputError, RoadMap, mirror, render, rotate
-from elitelanes_jax.network import difference, likeness, plain_measure
+from elitelanes_jax.network import difference, gridlock_loop, likeness, plain_measure
 from elitelanes_jax.network.likeness import RoadSet, group_alike, road_forms
 from elitelanes_jax.network.symmetry import canonical_form
 
@@ -78,7 +78,7 @@ def test_it_is_a_kernel(shape):
     np.testing.assert_array_equal(shares, np.float32(expected))
 
 
-@pytest.mark.parametrize("function", [canonical_form, plain_measure, render, RoadMap])
+@pytest.mark.parametrize("function", [canonical_form, gridlock_loop, plain_measure, render, RoadMap])
 def test_functions_that_are_no_kernels_refuse_traced_codes(function):
     with pytest.raises(InputError, match="^grid: expected known tile codes, got traced ones; call this"):
         jax.jit(function)(TOWN)
