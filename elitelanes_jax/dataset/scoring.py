@@ -47,7 +47,9 @@ def score_predictions(
     index = SPLITS.index(check_named("split", one_of(*SPLITS), split))
     layout, about = _read_dataset(folder)
     if not predicted.exists():
-        raise InputError("predictions", "a folder, or a file of COCO's results", f"none, {predicted}")
+        raise InputError(
+            "predictions", "a folder, or a file of COCO's results", f"none, {predicted}"
+        )
     if not about["pictures"][split]:
         raise InputError("split", f"one that has pictures in {folder}", split)
     if predicted.is_dir():
