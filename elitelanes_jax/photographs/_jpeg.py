@@ -25,6 +25,10 @@ _TALL = {"420": 2, "440": 2}
 _BEGINNINGS = 16
 # The least shift of brightness that is damage, of 255.
 _SHIFT = 8
+# The part of a shift that a few blocks have, and the number of so many blocks side by side.
+_SUDDEN, _PLACES = 0.65, 32
+# The part of a row's blocks that a shift changes by about the same amount.
+_MOST = 0.6
 
 
 class JpegHeader(NamedTuple):
@@ -80,7 +84,8 @@ def _is_shifted(blocks: NDArray[np.float32], height: int) -> bool:
     A block has its brightness as a difference from the block before. Damage that the decoder does
     not notice therefore shifts all later blocks. Their first row begins in the middle of the
     picture: to the right of it the step is at the top of this row, and to the left of it at the
-    bottom. No edge of a thing has this form.
+    bottom. An edge that is slightly tilted has this form too, but it leads from the bottom to the
+    top gradually.
 
     Args:
       blocks: the mean colours of the blocks ``[H, W, 3]``.
@@ -88,15 +93,40 @@ def _is_shifted(blocks: NDArray[np.float32], height: int) -> bool:
     """
     below = blocks[height::height]
     steps = below - blocks[height - 1 :: height][: len(below)]
-    for begin in range(1, _BEGINNINGS):
-        column = steps.shape[1] * begin // _BEGINNINGS
-        left, right = (np.median(part, axis=1) for part in np.split(steps, [column], axis=1))
+    beginnings = {steps.shape[1] * part // _BEGINNINGS for part in range(1, _BEGINNINGS)}
+    for column in beginnings - {0}:
+        first, second = np.split(steps, [column], axis=1)
+        left, right = (np.median(part, axis=1) for part in (first, second))
         at_top, at_bottom = right[:-1], left[1:]
         shift = np.minimum(np.abs(at_top), np.abs(at_bottom)) * (at_top * at_bottom > 0)
         elsewhere = np.maximum(np.abs(left[:-1]), np.abs(right[1:]))
-        if ((shift > _SHIFT) & (elsewhere < shift / 3)).any():
-            return True
+        # Texture changes single blocks, and leaves most of them in step.
+        is_one_step = np.minimum(*(_agreement(part) for part in (first[1:], second[:-1]))) > _MOST
+        shifted = (shift > _SHIFT) & (elsewhere < shift / 3) & is_one_step
+        for row in np.flatnonzero(shifted.any(axis=1)):
+            # The step at the top begins where the one at the bottom ends.
+            colour = shift[row].argmax()
+            turns = (steps[row] - steps[row + 1])[:, colour]
+            if _largest_jump(turns) > _SUDDEN * 2 * np.quantile(np.abs(turns), 0.8):
+                return True
     return False
+
+
+def _agreement(steps: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Returns the part of the steps ``[H, W, 3]`` of each row that are near their median."""
+    middle = np.median(steps, axis=1, keepdims=True)
+    return np.asarray((np.abs(steps - middle) < np.abs(middle) / 2).mean(axis=1), np.float32)
+
+
+def _largest_jump(values: NDArray[np.float32]) -> float:
+    """Returns the largest difference between medians of values before and after a place.
+
+    At the place itself are a few blocks of any colours, which the decoder made of the damage.
+    """
+    width = max(len(values) // _PLACES, 2)
+    windows = np.lib.stride_tricks.sliding_window_view(values, width)
+    medians = np.median(windows, axis=1)
+    return float(np.abs(medians[2 * width :] - medians[: -2 * width]).max(initial=0.0))
 
 
 class _Segment(NamedTuple):

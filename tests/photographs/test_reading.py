@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import photographed
 import pytest
+import simplejpeg
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.photographs import (
@@ -94,6 +95,25 @@ def test_a_damaged_png_is_refused_without_complaints_of_the_decoder(damage, tmp_
     with pytest.raises(InputError, match="floor.png: expected a photograph, .* got one that cannot be read"):
         Photograph.read(tmp_path / "floor.png")
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("sampling", ["444", "420"])
+def test_a_slightly_tilted_edge_and_coarse_texture_are_no_damage(sampling):
+    """The edge of a table leaves a row of blocks at its bottom on one side, and at its top on the other."""
+    rows, columns = np.mgrid[:240, :1600]
+    rng = np.random.default_rng(0)
+    texture = cv2.resize(rng.integers(0, 255, (30, 40, 3), np.uint8), (640, 480), interpolation=cv2.INTER_CUBIC)
+    edges = [
+        rows + np.tan(np.radians(tilt)) * columns > 120 + start for tilt in (0.3, 0.6, 1.0) for start in range(0, 16, 3)
+    ]
+    for image in (texture, *(np.where(edge[..., None], 170, 110).repeat(3, 2).astype(np.uint8) for edge in edges)):
+        content = simplejpeg.encode_jpeg(np.ascontiguousarray(image), 90, "BGR", sampling)
+        assert not is_damaged(read_header(content))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (8, 300), (300, 8)])
+def test_pictures_of_few_blocks_are_no_damage(shape):
+    assert not is_damaged(read_header(simplejpeg.encode_jpeg(np.zeros((*shape, 3), np.uint8))))
 
 
 @pytest.mark.parametrize("progressive", [0, 1])
