@@ -243,7 +243,7 @@ def test_a_dataset_is_packed_as_its_maps_are(tmp_path):
     packed = rows(tmp_path / "pack" / "maps.csv")
     assert [row["niche"] for row in packed] == ["6x7-{:02d}-{:02d}".format(*one.niche) for one in MAPS]
     (tmp_path / "dataset" / "train" / "metadata.jsonl").write_text('{"codes": 3}\n')
-    with pytest.raises(InputError, match=r"metadata\.jsonl: expected the metadata of a dataset"):
+    with pytest.raises(InputError, match=r"metadata\.jsonl: expected a sample with a number"):
         pack(SPEC, tmp_path / "dataset", tmp_path / "other")
 
 

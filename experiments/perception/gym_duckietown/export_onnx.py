@@ -23,9 +23,8 @@ from flax.traverse_util import flatten_dict
 from jaxtyping import UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax import InputError, load_tiles
+from elitelanes_jax import DatasetSpec, InputError, load_tiles
 from elitelanes_jax.drive import make_scenes
-from elitelanes_jax.drive.camera_options import parse_camera
 from elitelanes_jax.tiles import LABELS
 from experiments.common import Parser, Pytree, Untyped, leave, require, run, write
 from experiments.perception.gym_duckietown.evaluate import Finder, label_table, pose_table
@@ -211,7 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     require("export_onnx needs", "onnx", "onnxruntime")
     task, find = options.task, find_poses if options.task == "pose" else find_labels
-    camera = parse_camera([f"rows={ROWS}", f"columns={COLUMNS}", *options.camera])
+    camera = DatasetSpec().replace(camera=[f"rows={ROWS}", f"columns={COLUMNS}", *options.camera]).camera
     pictures = None if options.pictures is None else read_pictures(options.pictures)
     weights = read_weights(options.weights or _WEIGHTS / f"{task}.npz", task)
     content = to_onnx(task, weights, {name: getattr(camera, name) for name in (*_CAMERA_UNITS, "rows", "columns")})
