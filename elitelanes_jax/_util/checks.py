@@ -15,7 +15,7 @@ from typing import Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, shorten, show_words
 from elitelanes_jax._util.types import UserValue
 
 T = TypeVar("T")
@@ -189,7 +189,7 @@ def coordinates(value: UserValue) -> tuple[float, float]:
     raise InputError(
         "",
         "a latitude, -80 to 72, and a longitude, -180 to 180, in degrees",
-        shorten(repr(value), 40),
+        show_words(value, 40),
     )
 
 

@@ -159,6 +159,12 @@ def shorten(text: str, limit: int = 80) -> str:
     return text[: limit - 3] + "..."
 
 
+def show_words(value: UserValue, limit: int = 80) -> str:
+    """Returns the words of an option as the user wrote them; for another value, its `repr`."""
+    is_words = isinstance(value, list) and all(isinstance(word, str) for word in value)
+    return shorten(" ".join(value) if is_words else repr(value), limit)
+
+
 def brief(value: UserValue, limit: int = 80) -> str:
     """Returns a value of a file as a message shows it: the text of `repr`, shortened."""
     # YAML's aliases may unfold to a text longer than the memory. `reprlib` reads only the first

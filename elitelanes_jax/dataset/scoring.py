@@ -62,7 +62,8 @@ def _read_dataset(folder: Path) -> tuple[Layout, dict[str, Plain]]:
         about = read_json(folder / RECORD)
         layout, _ = LAYOUTS[about["settings"]["format"]], about["pictures"]["test"]
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(folder, "a folder of elitelanes dataset", "another one") from None
+        got = "another one" if folder.exists() else "none"
+        raise InputError(folder, "a folder of elitelanes dataset", got) from None
     if layout.metadata is None:
         name = about["settings"]["format"]
         raise InputError(folder, "a dataset of the layout imagefolder or coco", name)

@@ -21,7 +21,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.engine import part_of
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, shorten, show_words
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._transforms import (
@@ -69,7 +69,7 @@ def parse_sides(size: UserValue) -> Sides:
         ranges = [size]
     if not isinstance(ranges, Sequence) or len(ranges) not in (1, 2):
         raise InputError(
-            "", "a range of sides such as 8..14, or two, of rows and columns", shorten(repr(size))
+            "", "a range of sides such as 8..14, or two, of rows and columns", show_words(size)
         )
     return tuple(_parse_range(each) for each in ranges)
 
