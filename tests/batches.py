@@ -24,7 +24,15 @@ from elitelanes_jax import (
 from elitelanes_jax.drive._camera import pack_sight
 from elitelanes_jax.drive.robot import Robot
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.network import bernoulli, difference, measure_town, randint
+from elitelanes_jax.network import (
+    bernoulli,
+    difference,
+    gridlock_gamma,
+    gridlock_number,
+    gridlock_potential,
+    measure_town,
+    randint,
+)
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
@@ -105,11 +113,17 @@ def filled(grid, mask, raster):
     return repair(grid, mask, raster=raster, fill=True, fixed=mask)
 
 
+def gridlocks(grid):
+    # The potential's last digits depend on the batch.
+    return gridlock_number(grid), gridlock_gamma(grid), jnp.round(gridlock_potential(grid, 20), 3)
+
+
 def kernels():
     masks = jax.device_put(np.asarray(grids()) > 7)
     yield "measure", Batch.each(measure, grids())
     yield "measure large grids", Batch.each(measure, random_grids(jax.random.key(1), COUNT, (17, 18)))
     yield "measure_town", Batch.each(measure_town, grids())
+    yield "gridlock", Batch.each(gridlocks, grids())
     yield "fitness", Batch(lambda grids: fitness(jax.vmap(measure)(grids)), (grids(),))
     yield "repair", Batch.each(repair, grids(), masks)
     yield "repair, fill", Batch.each(partial(filled, raster=True), grids(), masks)

@@ -29,7 +29,7 @@ def compare(name, expected, function, *arguments):
 
 # The batches of a short test, and those that it runs in `jax.shard_map`: each has a loop of another file.
 FEW = ("measure", "repair, fill", "problem, plain", "random, plain")
-FEW_IN_SHARD_MAP = ("measure large grids", "strips", "levels")
+FEW_IN_SHARD_MAP = ("measure large grids", "gridlock", "strips", "levels")
 
 
 def main(group):

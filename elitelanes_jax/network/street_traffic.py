@@ -83,7 +83,7 @@ def gridlock_potential(
 
     Small numbers keep their digits, and the derivative by `robots` is exact. The last digits depend
     on the machine and the batch. Below 1e-38 the result may be 0. It is infinite where all streets
-    of a cycle are sure to be full.
+    of a cycle are sure to be full. There the derivative is NaN.
 
     Args:
       codes: integer codes ``[H, W]``, repaired or not.
@@ -316,7 +316,8 @@ def _expected_cycles(
     passing = flows.sum(axis=1)
     is_used = passing > 0
     load = passing * (streets.metres + _METRES_OF_CROSSING)
-    mean = robots * load / jnp.maximum(load.sum(), 1)
+    # Infinitely many robots times no load are no number.
+    mean = jnp.minimum(robots, _ENDLESS) * load / jnp.maximum(load.sum(), 1)
     full, free = _poisson_tails(mean, jnp.maximum(streets.capacity, 1).astype(jnp.float32))
     shares = full[:, None] * flows / jnp.where(is_used, passing, 1)[:, None]
     count = passing.size
@@ -345,7 +346,8 @@ def _expected_cycles(
 
     ending = jnp.where(is_used, free, 1)
     used = is_used.sum(dtype=jnp.int32)
-    carry = (used * 0, is_used, matrix[:, :count], ending, robots * 0)
+    # The total is made from the chances, so that inside `jax.shard_map` it is on the same devices.
+    carry = (used * 0, is_used, matrix[:, :count], ending, ending[0] * 0)
     return lax.while_loop(lambda carry: carry[0] < used, take_out, carry)[-1]
 
 

@@ -56,6 +56,7 @@ def test_a_town_alone_and_tiles_of_another_size(towns):
         expected = slow_potential(town, robots, 20)
         assert float(gridlock_potential(town, robots, tile_size=20)) == pytest.approx(expected, rel=3e-5)
     assert gridlock_potential(town, 1e6, tile_size=20) == np.inf
+    assert gridlock_potential(town, np.inf, tile_size=20) == np.inf
 
 
 def test_a_map_without_crossings_has_no_streets():
