@@ -185,7 +185,8 @@ def coordinates(value: UserValue) -> tuple[float, float]:
             and -80 <= latitude <= 72
             and abs(longitude) <= 180
         ):
-            return float(latitude), float(longitude)
+            # UTM's zone of 180 degrees is that of -180.
+            return float(latitude), -180.0 if longitude == 180 else float(longitude)
     raise InputError(
         "",
         "a latitude, -80 to 72, and a longitude, -180 to 180, in degrees",

@@ -22,8 +22,7 @@ def central_meridian(origin: tuple[float, float]) -> float:
     # The south-west of Norway belongs to zone 32.
     if 56 <= latitude < 64 and 3 <= longitude < 12:
         return 9.0
-    zone = min(math.floor((longitude + 180) / 6), 59)
-    return 6.0 * zone - 177
+    return 6.0 * math.floor((longitude + 180) / 6) - 177
 
 
 def plane_of(origin: tuple[float, float]) -> str:
@@ -42,7 +41,9 @@ def to_earth(
 ) -> tuple[Degrees, Degrees]:
     """Returns the latitudes and longitudes of points, x + y·i in metres from the origin."""
     latitudes, longitudes = _from_plane(points + _on_plane(origin))
-    return latitudes, central_meridian(origin) + longitudes
+    longitudes = central_meridian(origin) + longitudes
+    # Maps may lie across the antimeridian, where OpenStreetMap's longitudes jump by 360.
+    return latitudes, longitudes - 360 * np.round(longitudes / 360)
 
 
 def _on_plane(origin: tuple[float, float]) -> complex:

@@ -12,6 +12,7 @@ from oracle import road_graph
 from scipy.integrate import quad
 from simulator_maps import BATCHES, BLOCK, distances, lane_graph, maps, name, on_any_roads
 
+from elitelanes_jax._util.checks import coordinates
 from elitelanes_jax.formats._earth import plane_of, to_earth
 from elitelanes_jax.formats.lanelet2 import to_lanelet2
 from elitelanes_jax.formats.streets import Streets
@@ -78,17 +79,26 @@ def test_tags_are_those_that_autoware_asks_for():
     assert len(lanelets) == len(lane_graph(BLOCK)) and root.find("MetaInfo").get("format_version") == "1"
 
 
-@pytest.mark.parametrize("origin", [(0, 9), (48.1, 11.6), (60.39, 5.32), (-33.45, -70.66), (-80, 180)])
+@pytest.mark.parametrize("origin", [(0, 9), (48.1, 11.6), (60.39, 5.32), (-33.45, -70.66), (-80, -180)])
 def test_the_origin_is_the_south_west_corner(origin):
     """Where PROJ has UTM's plane: 60.39, 5.32 is in Norway's wide zone 32."""
     (latitude,), (longitude,) = to_earth(np.zeros(1, complex), origin)
     assert (latitude, longitude % 360) == pytest.approx((origin[0], origin[1] % 360), abs=1e-11)
-    meridian = {11.6: 9, 5.32: 9, -70.66: -69, 9: 9, 180: 177}[origin[1]]
+    meridian = {11.6: 9, 5.32: 9, -70.66: -69, 9: 9, -180: -177}[origin[1]]
     assert f"+lon_0={meridian} " in plane_of(origin)
     # One step north and one east are as long on the ellipsoid as on the plane, to the plane's scale.
     north, east = np.transpose(to_earth(np.array([1000j, 1000]), origin)) - (latitude, longitude)
+    east -= 360 * np.round(east / 360)
     metres = np.radians([north, east]) * 6378137 * np.array([1, np.cos(np.radians(latitude))])
     assert np.hypot(*metres.T) == pytest.approx([1000, 1000], rel=0.01)
+
+
+def test_longitudes_are_from_minus_180_to_180():
+    """GeographicLib, with which Lanelet2 reads, has 180 degrees in zone 1."""
+    assert coordinates((-17, 180)) == (-17, -180)
+    for origin in ((-17, 179.9999), (60, -180)):
+        _, longitudes = to_earth(np.array([0, 100, 100j]), origin)
+        assert np.abs(longitudes).max() <= 180 and np.ptp(longitudes) > 359
 
 
 def test_places_are_on_the_meridian_of_the_ellipsoid():
