@@ -25,9 +25,10 @@ _TALL = {"420": 2, "440": 2}
 _BEGINNINGS = 16
 # The least shift of brightness that is damage, of 255.
 _SHIFT = 8
-# The part of a shift that a few blocks have, and the number of so many blocks side by side.
-_SUDDEN, _PLACES = 0.65, 32
-# The part of a row's blocks that a shift changes by about the same amount.
+# Damage reaches at least this part of its shift within a window, and an edge does not. A row of blocks
+# has this many windows.
+_SUDDEN, _WINDOWS = 0.65, 32
+# The least part of the blocks beside the damage that are shifted by about the same amount.
 _MOST = 0.6
 
 
@@ -123,7 +124,7 @@ def _largest_jump(values: NDArray[np.float32]) -> float:
 
     At the place itself are a few blocks of any colours, which the decoder made of the damage.
     """
-    width = max(len(values) // _PLACES, 2)
+    width = max(len(values) // _WINDOWS, 2)
     windows = np.lib.stride_tricks.sliding_window_view(values, width)
     medians = np.median(windows, axis=1)
     return float(np.abs(medians[2 * width :] - medians[: -2 * width]).max(initial=0.0))
