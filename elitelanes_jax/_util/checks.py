@@ -393,7 +393,7 @@ def check_named(
     try:
         return check(value, *further, **named)
     except InputError as error:
-        if error.subject.startswith(name) and not error.subject[len(name) :][:1].isalnum():
+        if error.subject == name or error.subject.startswith((f"{name}:", f"{name} ")):
             raise
         raise error.within(name) from None
 

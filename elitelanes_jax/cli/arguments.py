@@ -268,7 +268,8 @@ def _with_flags(error: InputError, flags: Mapping[str, str]) -> InputError:
     def name_setting(match: re.Match[str]) -> str:
         return f"{flags.get(match[1], match[1])} {match[2]}"
 
-    field = re.match(r"\w+", error.subject)
+    # A file may begin with the name of a field: size.json.
+    field = re.match(r"\w+(?=[: ]|$)", error.subject)
     subject = error.subject
     if field is not None and field[0] in flags:
         subject = flags[field[0]] + subject[field.end() :]

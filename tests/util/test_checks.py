@@ -11,6 +11,8 @@ import pytest
 from elitelanes_jax._util.checks import check_named, clip_to_int32, file_named, folder, path, real
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.npz import read_npz
+from elitelanes_jax.cli.arguments import naming_options
+from elitelanes_jax.maps import GenerateSpec
 
 
 @pytest.mark.parametrize(
@@ -88,6 +90,19 @@ def test_an_error_that_gets_a_name_keeps_its_subject():
     assert caught.value.subject == "large: where turns"
     with pytest.raises(InputError, match="^where turns: expected more$"):
         check_named("where", check, 3)
+    with pytest.raises(InputError, match="^whe: where turns: expected more$"):
+        check_named("whe", check, 3)
+
+
+@pytest.mark.parametrize("subject", ["size_px", "size.json", "size/map.json"])
+def test_a_name_that_begins_with_another_one_is_not_taken_for_it(subject):
+    def check(value):
+        raise InputError(subject, "more")
+
+    with pytest.raises(InputError, match=f"^size: {subject}: expected more$"):
+        check_named("size", check, 3)
+    with pytest.raises(InputError, match=f"^{subject}: expected more$"), naming_options(GenerateSpec()):
+        check(3)
 
 
 def test_an_error_has_its_parts_and_survives_pickling():
