@@ -73,7 +73,7 @@ def test_a_stop_line_of_the_tile_itself_stays(drawn_tiles, real_tiles):
     for tile in (*drawn_tiles.tiles, *real_tiles.tiles):
         clean = without_strips(tile.image, tile.code)
         for line, mask in propose_masks(clean).items():
-            assert (mask & getattr(tile, line)).sum() > 0.97 * getattr(tile, line).sum(), (tile.name, line)
+            assert (mask & getattr(tile, line)).sum() >= 0.97 * getattr(tile, line).sum(), (tile.name, line)
 
 
 def test_a_sliver_of_a_wooden_floor_is_no_fault(drawn_tiles):
