@@ -362,7 +362,7 @@ def _signal(signal: Signal, s: float, lane: int, scene: Scene) -> str:
         about = f'country="DE" type="{kind}" subtype="{subtype}" dynamic="no"'
     # A signal is read by those who drive along the road, "+", or against it, "-".
     orientation = "-" if lane > 0 else "+"
-    position = f's="{s:.12g}" t="{_ASIDE * lane * streets.lane:.9g}"'
+    position = f's="{s:.17g}" t="{_ASIDE * lane * streets.lane:.9g}"'
     size = f'zOffset="{above:.9g}" height="{height:.9g}" width="{width:.9g}"'
     return (
         f'<signal {position} id="{signal.number}" name="{signal.kind}" orientation="{orientation}" '
@@ -450,12 +450,14 @@ def _element(road: _Road, objects: str, scene: Scene) -> str:
         # Headings are clockwise from north, and angles counter-clockwise from east.
         angle = (1 - heading) * math.pi / 2
         metres = length * tile_size
-        place = f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.12g}"'
+        # Readers add up lengths and compare the sum with `s` to 1e-9 m. On a road of 1 km or more,
+        # 12 digits are fewer than that.
+        place = f's="{s:.17g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.17g}"'
         shape = f'<arc curvature="{curvature / tile_size:.12g}"/>' if curvature else "<line/>"
         plan += f"<geometry {place}>{shape}</geometry>"
         s += metres
     return (
-        f'<road {road.attributes} length="{s:.12g}" rule="RHT"><link>{road.link}</link>'
+        f'<road {road.attributes} length="{s:.17g}" rule="RHT"><link>{road.link}</link>'
         f'<type s="0" type="town"><speed max="{scene.streets.speed:.9g}" unit="m/s"/></type>'
         f"<planView>{plan}</planView>"
         '<elevationProfile><elevation s="0" a="0" b="0" c="0" d="0"/></elevationProfile>'

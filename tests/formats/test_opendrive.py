@@ -27,6 +27,7 @@ from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.formats.opendrive import to_opendrive
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.maps import furnish
+from elitelanes_jax.network import codes
 
 DUCKIETOWN = Streets(0.585, 0.234)
 
@@ -152,6 +153,27 @@ def test_connecting_roads_refer_to_the_signals_of_their_approach(road_map):
         for one in references:
             assert (one.get("s"), one.get("orientation")) == ("0", "+")
             assert one.find("validity").attrib == {"fromLane": "-1", "toLane": "-1"}
+
+
+@pytest.mark.parametrize("streets", [Streets(), Streets(29.7, 3.2), DUCKIETOWN])
+def test_lengths_of_long_roads_add_up(streets):
+    """On a road of kilometres, roadgen drops the last curve if a length and an `s` differ by 3e-9 m."""
+    # A ring through all tiles: along the first row, and back down and up the columns.
+    tiles = [(0, column) for column in range(24)]
+    for column in reversed(range(24)):
+        tiles += [(row, column) for row in (range(1, 24) if column % 2 else range(23, 0, -1))]
+    grid = np.zeros((24, 24), int)
+    for tile, others in zip(tiles, zip(tiles[-1:] + tiles[:-1], tiles[1:] + tiles[:1]), strict=True):
+        steps = [(row - tile[0], column - tile[1]) for row, column in others]
+        grid[tile] = sum(side.bit for side in codes.SIDES if (side.down, side.right) in steps)
+    longest = 0.0
+    for road in ET.fromstring(to_opendrive(grid, streets)).iter("road"):
+        curves = road.findall("planView/geometry")
+        ends = np.array([float(curve.get("s")) + float(curve.get("length")) for curve in curves])
+        starts = np.array([*(float(curve.get("s")) for curve in curves[1:]), float(road.get("length"))])
+        np.testing.assert_allclose(ends, starts, rtol=0, atol=1e-10)
+        longest = max(longest, ends[-1])
+    assert longest > 200 * streets.tile_size
 
 
 def cubic(records, s):
