@@ -46,6 +46,19 @@ _LOST = {
 _OURS = (InputError, NotEnoughMapsError, NotEnoughMemoryError, OSError)
 
 
+class Future(Protocol):
+    """What an executor's `submit` returns. `concurrent.futures.Future` has these methods."""
+
+    def done(self) -> bool:
+        """Tells whether the call has ended."""
+
+    def result(self) -> object:
+        """Returns the result of the call, or raises its error."""
+
+    def cancel(self) -> object:
+        """Cancels the call if it has not started."""
+
+
 # Type checks in tests ask whether an object is an `Engine`.
 @runtime_checkable
 class Engine(Protocol):
@@ -54,11 +67,8 @@ class Engine(Protocol):
     A `concurrent.futures.Executor` has it, and so has any other class with its `submit`.
     """
 
-    def submit(self, function: Callable[..., Untyped], /, *args: Untyped) -> Untyped:
-        """Starts a call on a worker, and returns its future.
-
-        The future has the methods `done`, `result` and `cancel`.
-        """
+    def submit(self, function: Callable[..., object], /, *args: object) -> Future:
+        """Starts a call on a worker, and returns its future."""
 
 
 class Pool(NamedTuple):
@@ -139,7 +149,7 @@ def call_on_workers(
     payload, versions = _dump(function), installed_versions(*packages)
     # Submitit's executor has such a method, which makes one array of jobs.
     together = getattr(executor, "batch", nullcontext)
-    running: dict[int, Untyped] = {}
+    running: dict[int, Future] = {}
     first, pause = 0, _SOON
     try:
         while first < len(arguments) or running:
@@ -171,7 +181,7 @@ def call_on_workers(
                 future.cancel()
 
 
-def _check_future(value: UserValue) -> UserValue:
+def _check_future(value: UserValue) -> Future:
     """Checks what an executor's `submit` returned."""
     if not all(callable(getattr(value, name, None)) for name in ("done", "result", "cancel")):
         expected = "submit to return a future with the methods done, result and cancel"
@@ -179,7 +189,7 @@ def _check_future(value: UserValue) -> UserValue:
     return value
 
 
-def _dump(function: Callable[..., Untyped]) -> bytes:
+def _dump(function: Callable[[A], R]) -> bytes:
     """Pickles a function, which may hold functions of the user."""
     try:
         import cloudpickle
@@ -268,7 +278,7 @@ def _add_worker(error: Exception) -> Exception:
     return error
 
 
-def _read(future: Untyped, index: int, count: int) -> Untyped:
+def _read(future: Future, index: int, count: int) -> Untyped:
     """Returns the result of a call, or raises its error."""
     with _naming_loss(index, count, "its result"):
         outcome = future.result()

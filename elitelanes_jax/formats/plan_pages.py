@@ -23,6 +23,9 @@ from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.tapes import REFERENCE, TAPE_WIDTHS, tapes_of
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from elitelanes_jax.formats.plan import Plan
 
 # Lengths on pages are in millimetres.
@@ -125,7 +128,7 @@ class _MapLayout(NamedTuple):
     legend_top: float
 
 
-def _map_page(plan: "Plan") -> Untyped:
+def _map_page(plan: "Plan") -> "Figure":
     """Draws the map with its measures, the bill of materials and a legend.
 
     The page is A4 or a larger sheet.
@@ -192,7 +195,7 @@ def _room_beyond(plan: "Plan") -> float:
     return room
 
 
-def _draw_legend(ax: Untyped, plan: "Plan", left: float, top: float) -> None:
+def _draw_legend(ax: "Axes", plan: "Plan", left: float, top: float) -> None:
     """Draws a tile of each kind, and says how angles are counted."""
     pitch = _SAMPLE + _BETWEEN_SAMPLES
     samples = [(kind, 0, left + index * pitch, top) for index, kind in enumerate(REFERENCE)]
@@ -208,7 +211,7 @@ def _draw_legend(ax: Untyped, plan: "Plan", left: float, top: float) -> None:
     _write(ax, x, y, words, va="center", color=_FAINT)
 
 
-def _draw_map(ax: Untyped, plan: "Plan", left: float, top: float, tile: float, edge: float) -> None:
+def _draw_map(ax: "Axes", plan: "Plan", left: float, top: float, tile: float, edge: float) -> None:
     rows, columns = plan.shape
     right, bottom = left + columns * tile, top + rows * tile
     ax.fill(
@@ -254,7 +257,7 @@ def _draw_map(ax: Untyped, plan: "Plan", left: float, top: float, tile: float, e
 
 
 def _draw_tiles(
-    ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], tile_size: float, side: float
+    ax: "Axes", tiles: Sequence[tuple[str, int, float, float]], tile_size: float, side: float
 ) -> None:
     """Draws tiles: kind, quarter turns, and the position of the north-west corner."""
     from matplotlib.collections import LineCollection, PolyCollection
@@ -275,7 +278,7 @@ def _draw_tiles(
     # The tape of a later layer covers that of earlier ones. White tape on white paper needs an
     # outline, so it is drawn twice.
     dashes = (0, (dash, dash / 2))
-    layers: tuple[tuple[str, str, float, Untyped], ...] = (
+    layers: tuple[tuple[str, str, float, str | tuple[int, tuple[float, float]]], ...] = (
         ("red", "#d9202c", 0.0, "solid"),
         ("yellow", "#f5c71a", 0.0, dashes),
         ("white", _FAINT, 0.6, "solid"),
@@ -295,7 +298,7 @@ def _draw_tiles(
 
 
 def _draw_object(
-    ax: Untyped, item: MapObject, number: int, x: float, y: float, scale: float
+    ax: "Axes", item: MapObject, number: int, x: float, y: float, scale: float
 ) -> None:
     """Draws the footprint of an object with its number in the check-list.
 
@@ -389,7 +392,7 @@ def _bill_of_objects(plan: "Plan") -> list[str]:
     return lines
 
 
-def _list_pages(plan: "Plan") -> Iterator[Untyped]:
+def _list_pages(plan: "Plan") -> Iterator["Figure"]:
     """Draws the check-list on A4."""
     lines = _check_list(plan)
     # Lines are cut into columns, and columns into pages.
@@ -473,7 +476,7 @@ def _direction(angle: float) -> str:
     return sides.get(turned, f"{turned}{_DEGREE}")
 
 
-def _page(width: float, height: float, title: str) -> tuple[Untyped, Untyped]:
+def _page(width: float, height: float, title: str) -> tuple["Figure", "Axes"]:
     """Returns a figure of a page and axes in millimetres from its north-west corner."""
     from matplotlib.figure import Figure
 
@@ -486,7 +489,7 @@ def _page(width: float, height: float, title: str) -> tuple[Untyped, Untyped]:
     return page, ax
 
 
-def _write_columns(ax: Untyped, left: float, top: float, columns: Sequence[Sequence[str]]) -> None:
+def _write_columns(ax: "Axes", left: float, top: float, columns: Sequence[Sequence[str]]) -> None:
     """Writes columns of lines. Lines that start with a letter are headings."""
     column_width = (_A4[0] - 2 * _MARGIN) / _COLUMNS
     for column, lines in enumerate(columns):
@@ -495,19 +498,19 @@ def _write_columns(ax: Untyped, left: float, top: float, columns: Sequence[Seque
             _write(ax, left + column * column_width, top + row * _LINE, line, weight=weight)
 
 
-def _write(ax: Untyped, x: float, y: float, words: str, **style: Untyped) -> None:
-    defaults = {"color": _INK, "size": 8.5, "va": "baseline"}
+def _write(ax: "Axes", x: float, y: float, words: str, **style: Untyped) -> None:
+    defaults: dict[str, Untyped] = {"color": _INK, "size": 8.5, "va": "baseline"}
     ax.text(x, y, words, **(defaults | style))
 
 
-def _label(ax: Untyped, x: float, y: float, words: str, **style: Untyped) -> None:
+def _label(ax: "Axes", x: float, y: float, words: str, **style: Untyped) -> None:
     """Writes words on a white box around a point."""
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.88, "linewidth": 0}
     _write(ax, x, y, words, ha="center", va="center", bbox=box, linespacing=1.05, **style)
 
 
 def _arrow(
-    ax: Untyped,
+    ax: "Axes",
     start: tuple[float, float],
     end: tuple[float, float],
     style: str,

@@ -3,6 +3,7 @@
 import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +12,14 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.types import Untyped, UserValue
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
 from elitelanes_jax.tiles.object_set import draw_tag
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Lengths on pages are in millimetres.
 _A4 = 210.0, 297.0
@@ -71,7 +76,7 @@ def write_tags(road_map: UserValue, file: str | Path) -> int:
     return len(tags)
 
 
-def _pages(tags: Sequence[tuple[int, str]]) -> Iterator[Untyped]:
+def _pages(tags: Sequence[tuple[int, str]]) -> Iterator["Figure"]:
     """Draws the pages of tags: the number of each, and the kind of its object."""
     from matplotlib.figure import Figure
 
@@ -97,7 +102,7 @@ def _pages(tags: Sequence[tuple[int, str]]) -> Iterator[Untyped]:
         yield page
 
 
-def _draw_tag(ax: Untyped, number: int, kind: str, left: float, top: float) -> None:
+def _draw_tag(ax: "Axes", number: int, kind: str, left: float, top: float) -> None:
     """Draws a tag whose margin has its north-west corner there."""
     from matplotlib.patches import PathPatch, Rectangle
     from matplotlib.path import Path as Outline
