@@ -58,10 +58,11 @@ def check_sides(rows: list[list[UserValue]]) -> None:
         raise InputError("shape", f"sides up to {LONGEST_SIDE}", f"{len(rows)} x {width}")
 
 
-def check_grid(grid: AnyArray) -> AnyArray:
+def check_grid(grid: AnyArray, subject: str = "grid") -> AnyArray:
     """Checks a grid and returns it as an int8 array ``[H, W]``.
 
-    The result is an array of JAX if the grid is one, otherwise an array of NumPy.
+    The result is an array of JAX if the grid is one, otherwise an array of NumPy. Errors call the
+    grid by `subject`, the name of the caller's argument.
 
     Under `jax.jit` and `jax.vmap` codes are unknown and not checked. Kernels read the four lowest
     bits of a code, therefore 31 and -1 count as 15.
@@ -73,54 +74,54 @@ def check_grid(grid: AnyArray) -> AnyArray:
     jax = sys.modules.get("jax")
     if hasattr(grid, "codes"):
         name = type(grid).__name__
-        raise InputError("grid", "rows of tile codes", f"a {name}", "give its codes")
+        raise InputError(subject, "rows of tile codes", f"a {name}", "give its codes")
     if isinstance(grid, str | PurePath):
         raise InputError(
-            "grid", "rows of tile codes", repr(str(grid)), "read_map reads the map of a file"
+            subject, "rows of tile codes", repr(str(grid)), "read_map reads the map of a file"
         )
     try:
         array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
     except ValueError:
-        raise InputError("grid", "rows of one length", "rows of several") from None
+        raise InputError(subject, "rows of one length", "rows of several") from None
     # `np.asarray` drops the mask, and the cells under it may have any codes.
     if np.ma.is_masked(grid):
         raise InputError(
-            "grid",
+            subject,
             "a tile code in each cell",
             "a masked array",
-            "grid.filled(0) empties such cells",
+            f"{subject}.filled(0) empties such cells",
         )
     if array.ndim != 2:
         hint = "give one grid, or batch a kernel with jax.vmap" if array.ndim == 3 else ""
-        raise InputError("grid", "two dimensions (rows, columns)", f"shape {array.shape}", hint)
+        raise InputError(subject, "two dimensions (rows, columns)", f"shape {array.shape}", hint)
     check_shape(array.shape)
     if array.dtype.kind not in "iu":
-        raise InputError("grid", "integer tile codes", array.dtype)
+        raise InputError(subject, "integer tile codes", array.dtype)
     if not is_traced(array):
         codes = np.asarray(array)
         if codes.min() < 0 or codes.max() > 15:
             row, column = np.argwhere((codes < 0) | (codes > 15))[0]
             raise InputError(
-                "grid",
+                subject,
                 "tile codes 0 to 15",
                 f"{codes[row, column]} at {describe_cell(row, column)}",
             )
     return array.astype(np.int8)
 
 
-def known_grid(grid: AnyArray) -> Int8[np.ndarray, "H W"]:
+def known_grid(grid: AnyArray, subject: str = "grid") -> Int8[np.ndarray, "H W"]:
     """Checks a grid as `check_grid` does, and returns it as an array of NumPy.
 
     Raises `InputError` for traced codes too, which have no value.
     """
     if is_traced(grid):
         raise InputError(
-            "grid",
+            subject,
             "known tile codes",
             "traced ones",
             "call this function outside of jax.jit and jax.vmap",
         )
-    return np.asarray(check_grid(grid))
+    return np.asarray(check_grid(grid, subject))
 
 
 def is_traced(grid: AnyArray) -> bool:

@@ -62,7 +62,7 @@ def gridlock_number(codes: AnyArray, *, slots: int = 1) -> Int32[Array, ""]:
     Raises:
       InputError: for a bad grid, one with a side over 128, or bad slots.
     """
-    grid = check_grid(codes)
+    grid = check_grid(codes, "codes")
     if max(grid.shape) > LONGEST_TOWN:
         expected = f"sides of at most {LONGEST_TOWN} for the gridlock number"
         raise InputError("codes", expected, grid.shape)

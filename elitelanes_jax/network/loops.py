@@ -26,7 +26,7 @@ def gridlock_loop(codes: AnyArray) -> list[tuple[int, int]]:
     Raises:
       InputError: for a bad grid, or traced codes.
     """
-    rows = known_grid(codes).tolist()
+    rows = known_grid(codes, "codes").tolist()
     code_of = {
         (row, column): code for row, line in enumerate(rows) for column, code in enumerate(line)
     }

@@ -98,7 +98,7 @@ def gridlock_potential(
 
 
 def _check_town(codes: AnyArray) -> AnyArray:
-    grid = check_grid(codes)
+    grid = check_grid(codes, "codes")
     if max(grid.shape) > LONGEST_DETOUR:
         expected = f"sides of at most {LONGEST_DETOUR} for streets"
         raise InputError("codes", expected, grid.shape)

@@ -40,6 +40,10 @@ _Cell = tuple[int, int]
 # The town features that are a metric / tiles.
 _PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacent_turns"}
 
+# The least value other than 0 of features whose other values are larger by a multiple of 2: a loop
+# has 4 tiles or more and an even number of them, and a linked pair of crossings counts twice.
+_LEAST_OF_TWOS = {"gridlock_number": 3, "adjacent_crossings": 2}
+
 # Without any of these, straight roads lead away from each crossing, and have no roads beside them.
 _BESIDE_CROSSINGS = ("crowded_crossings", "unlinked_neighbours")
 
@@ -166,10 +170,11 @@ class FeatureBounds(NamedTuple):
         elif feature == "signable" and self._leaves_room_for_signs:
             least = unit
         elif feature == "gridlock_number":
-            # The number is 0 without a loop. A loop has at least 4 tiles.
+            # The number is 0 without a loop. A loop has at least 4 tiles, and an even number.
             fewest_loops, most_loops = self.intervals["cyclomatic"]
             least = 3 * min(fewest_loops, 1)
-            most = min(most_loops, 1) * max(self.intervals["tiles"][1] - 1, 0)
+            longest_loop = self.intervals["tiles"][1] // 2 * 2
+            most = min(most_loops, 1) * max(longest_loop - 1, 0)
         return Fraction(least, unit), Fraction(most, unit)
 
     @property
@@ -226,7 +231,8 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
             asks_for_gaps = bool(item.low)
         elif item.name == "gridlock_number":
             # The shortest loop has one tile more.
-            inequalities = [_Inequality({"tiles": 1}, ceil(item.low or 0) + 1)]
+            loop_tiles = ceil(_next_value(item.name, item.low or Fraction(0))) + 1
+            inequalities = [_Inequality({"tiles": 1}, loop_tiles)]
         try:
             bounds = _narrowed(_with_inequalities(bounds, inequalities))
         except _ContradictionError as error:
@@ -270,9 +276,22 @@ def _check_range(item: Range, bounds: FeatureBounds, maps: str, *, asks_for_gaps
     low, high = bounds.of(item.name)
     is_above = item.low is not None and item.low > high
     is_below = item.high is not None and item.high < low
-    if not is_above and not is_below:
+    first = low if item.low is None else max(low, item.low)
+    last = high if item.high is None else min(high, item.high)
+    is_between_values = item.name in _LEAST_OF_TWOS and _next_value(item.name, first) > last
+    if not is_above and not is_below and not is_between_values:
         return
-    expected = _format(low) if low == high else f"some of {_format(low)}..{_format(high)}"
+    limits = f"{_format(low)}..{_format(high)}"
+    if low == high:
+        expected = _format(low)
+    elif item.name not in _LEAST_OF_TWOS:
+        expected = f"some of {limits}"
+    elif _LEAST_OF_TWOS[item.name] % 2 == 0:
+        expected = f"an even number in {limits}"
+    elif low > 0:
+        expected = f"an odd number in {limits}"
+    else:
+        expected = f"0 or an odd number in {limits}"
     unless = ""
     depends_on_gaps = asks_for_gaps or item.name in features_without_gaps(bounds.shape)
     if bounds.has_no_gaps and depends_on_gaps:
@@ -280,6 +299,17 @@ def _check_range(item: Range, bounds: FeatureBounds, maps: str, *, asks_for_gaps
     raise InputError(
         f"where {item.name}", f"a range with {expected}, which {maps} have{unless}", str(item)
     )
+
+
+def _next_value(feature: str, least: Fraction) -> Fraction:
+    """Returns the least value of a feature that may occur and is at least a number.
+
+    For most features this is the number itself.
+    """
+    if feature not in _LEAST_OF_TWOS or least <= 0:
+        return least
+    first = max(ceil(least), _LEAST_OF_TWOS[feature])
+    return Fraction(first + (first - _LEAST_OF_TWOS[feature]) % 2)
 
 
 def check_feasible(

@@ -78,3 +78,8 @@ def test_bad_maps_and_slots_are_refused():
         gridlock_number(np.zeros((2, 129), np.int8))
     with pytest.raises(InputError, match="^slots: expected a whole number, 1 to 1000, got 0"):
         gridlock_number(ring(2, 2), slots=0)
+    for function in (gridlock_number, gridlock_loop):
+        with pytest.raises(InputError, match="^codes: expected tile codes 0 to 15, got 16 at A1 "):
+            function(np.full((2, 2), 16))
+        with pytest.raises(InputError, match="^codes: .*; codes.filled"):
+            function(np.ma.masked_equal([[6, 3], [12, 9]], 3))

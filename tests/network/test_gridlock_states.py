@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gridlock_states import count_states
+from knots import read_slots, smallest_closed_part, smallest_knot, smallest_knot_of_all_states
 
 from elitelanes_jax.network import gridlock_number
 
@@ -65,3 +66,21 @@ def test_a_full_ring_is_a_gridlock_that_no_robot_can_enter():
     ring = np.array([[6, 3], [12, 9]], np.int8)
     counts = count_states(ring, int(gridlock_number(ring)) + 1)
     assert counts.gridlocks == 2 and not counts.reached
+
+
+@pytest.mark.parametrize("rows", ["673 cd9", "673 aaa cd9", "6573 a6db cd59"])
+def test_knots_of_small_networks_are_those_of_all_states(rows):
+    codes = np.array([[int(code, 16) for code in row] for row in rows.split()], np.int8)
+    turns = read_slots(codes)
+    assert smallest_knot(turns) == smallest_knot_of_all_states(turns) < len(turns)
+
+
+@pytest.mark.parametrize(
+    ("space", "fewest", "most", "closed_parts"),
+    [("5x5A", 10, 25, range(44, 47)), pytest.param("6x6A", 6, 29, range(64, 69), marks=pytest.mark.slow)],
+)
+def test_knots_are_smaller_than_closed_parts(space, fewest, most, closed_parts):
+    slots = [read_slots(codes) for codes in read_networks(space)]
+    knots = list(map(smallest_knot, slots))
+    assert (min(knots), max(knots)) == (fewest, most)
+    assert all(smallest_closed_part(turns) in closed_parts for turns in slots)

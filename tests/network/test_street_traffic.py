@@ -74,3 +74,5 @@ def test_large_maps_and_wrong_tiles_are_refused():
         gridlock_gamma(np.zeros((33, 2), np.int8))
     with pytest.raises(InputError, match="^tile_size: expected metres, 15 to 100, got 14"):
         gridlock_potential(np.zeros((3, 2), np.int8), 3, tile_size=14)
+    with pytest.raises(InputError, match="^codes: expected integer tile codes, got float64"):
+        gridlock_gamma(np.zeros((3, 2)))

@@ -15,7 +15,7 @@ from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.network import gridlock_number, measure_town, plain_measure, repair
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.records import features_without_gaps
-from elitelanes_jax.problem.bounds import check_feasible, check_ranges, find_bounds
+from elitelanes_jax.problem.bounds import check_feasible, check_ranges, check_ranges_of_grids, find_bounds
 from elitelanes_jax.problem.features import FEATURES, SHARES, feature_unit
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges
@@ -265,16 +265,36 @@ def test_a_range_of_room_for_signs_says_whether_there_are_crossings(where, fille
 @pytest.mark.parametrize(
     ("where", "message"),
     [
-        (["gridlock_number=1..2"], "where gridlock_number: expected a range with some of 3..35"),
-        (["gridlock_number=36.."], "where gridlock_number: expected a range with some of 3..35"),
-        (["tiles=..15", "gridlock_number=15.."], "where gridlock_number: expected a range with some of 3..14"),
+        (["gridlock_number=1..2"], "where gridlock_number: expected a range with an odd number in 3..35"),
+        (["gridlock_number=36.."], "where gridlock_number: expected a range with an odd number in 3..35"),
+        (["tiles=..15", "gridlock_number=15.."], "where gridlock_number: expected a range with an odd number in 3..13"),
         (["gridlock_number=15..", "tiles=..15"], "where tiles: expected a range with some of 16..36"),
+        (["gridlock_number=14..", "tiles=..15"], "where tiles: expected a range with some of 16..36"),
     ],
 )
 def test_the_shortest_loop_needs_tiles(where, message):
     with pytest.raises(InputError, match=message):
         check_feasible((6, 6), parse_ranges(where), filled=False)
     check_feasible((6, 6), parse_ranges(["gridlock_number=15..", "tiles=..16"]), filled=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("gridlock_number", "0 or an odd number in 0..7"), ("adjacent_crossings", "an even number in 0..")],
+)
+def test_a_number_between_the_values_of_a_feature_is_refused(name, expected):
+    grids = repaired_grids((3, 3))
+    values = {metrics.get(name) for _, metrics in grids}
+    if name == "gridlock_number":
+        values = set(np.asarray(jax.vmap(gridlock_number)(np.array([grid for grid, _ in grids]))).tolist())
+    assert len(values) >= 4
+    for value in range(max(values) + 1):
+        ranges = tuple(parse_ranges([f"{name}={value}"]))
+        if value in values:
+            check_ranges_of_grids(ranges, (3, 3), filled=False)
+        else:
+            with pytest.raises(InputError, match=f"^where {name}: expected a range with {expected}"):
+                check_ranges_of_grids(ranges, (3, 3), filled=False)
 
 
 def test_the_gridlock_number_is_within_its_bounds():
