@@ -212,3 +212,47 @@ def test_a_line_closes_if_and_only_if_its_robots_are_then_in_gridlock(grids):
             np.testing.assert_array_equal(closes[allowed], makes[allowed])
             closed += int(closes[allowed].sum())
     assert closed
+
+
+def test_the_outcome_of_a_run_is_that_of_its_steps(grids):
+    """Until the first gridlock, goals count twice: in all goals, and in the goals before."""
+    robots, steps, rule = 36, 40, model.RULES["right before left"]
+    town, ended_early = model.make_town(grids[0]), 0
+    run = partial(sharing.drive, policy=sharing.shortest, rule="right before left", robots=robots, steps=steps)
+    move = jax.jit(partial(model.move, rule=rule))
+    choose = jax.jit(lambda key, town, traffic: sharing.shortest(key, model.observe(town, traffic)))
+    for number in range(4):
+        placing, driving = jax.random.split(jax.random.key(number))
+        traffic, free, goals, before = model.place(placing, town, robots), 0, 0, 0
+        for key in jax.random.split(driving, steps):
+            choosing, going = jax.random.split(key)
+            is_free = not bool(model.is_gridlock(town, traffic).any())
+            traffic, reached = move(going, town, traffic, choose(choosing, town, traffic))
+            free, goals, before = free + is_free, goals + int(reached.sum()), before + is_free * int(reached.sum())
+        assert tuple(map(int, run(jax.random.key(number), town))) == (free, before, goals)
+        ended_early += free < steps
+    assert ended_early
+
+
+def test_ratios_and_shares_are_those_of_the_runs():
+    constant = sharing.ratio(np.array([1.0, 2.0, 4.0]), np.array([2.0, 4.0, 8.0]))
+    assert constant == [0.5, 0.5, 0.5]
+    low, high = sharing.ratio(np.array([0.0, 3.0]), np.array([3.0, 3.0]))[1:]
+    assert (low, high) == (0, 1)
+    # Two runs in two towns: steps without gridlock, goals before, goals.
+    rules = [[[300, 100], [300, 300]], [[90, 30], [90, 90]], [[90, 40], [90, 90]]]
+    best = [[[300, 300], [300, 300]], [[99, 99], [99, 99]], [[99, 99], [99, 99]]]
+    runs = {"all-way stop": rules, "around full streets": rules, "learned 0": rules, "learned 1": best}
+    summary = sharing.summarize({name: {"24": fields} for name, fields in runs.items()}, 24)
+    assert list(summary) == ["all-way stop", "around full streets", "learned"]
+    stop, learned = summary["all-way stop"], summary["learned"]
+    assert (stop["gridlocks"], learned["gridlocks"]) == (0.25, 0.125)
+    assert learned["gridlocks / all-way stop"][0] == 0.5
+    assert stop["goals"] == pytest.approx(1000 * 310 / (4 * 300 * 24))
+    assert stop["goals_before"] == pytest.approx(1000 * 300 / (1000 * 24))
+    assert learned["goals / around full streets"][0] == pytest.approx((310 + 396) / 2 / 310)
+
+
+def test_the_page_has_the_tables_of_the_trial():
+    tables = (ROOT / "experiments" / "gridlock" / "results" / "sharing.md").read_text()
+    assert tables in (ROOT / "docs" / "gridlock.md").read_text()
