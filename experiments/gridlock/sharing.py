@@ -71,22 +71,23 @@ def _study(options: Namespace) -> None:
         runs[name] = kept(file, partial(_runs_of, name, train_towns, test_towns, options))
     summary = {str(robots): summarize(runs, robots) for robots in (FEW, MANY)}
     write(options.out / "sharing.json", json.dumps(summary, indent=1) + "\n")
-    write(options.out / "sharing.md", "\n".join(f"{robots} robots\n\n{_table(summary[robots])}" for robots in summary))
+    tables = [f"**{robots} robots**\n\n{_table(figures)}" for robots, figures in summary.items()]
+    write(options.out / "sharing.md", "\n".join(tables))
 
 
 def _runs_of(name: str, train_towns: Town, test_towns: Town, options: Namespace) -> Runs:
     """Drives with a policy, which is trained before if it has to learn."""
     rule, policy = POLICIES[name]
-    weights = []
+    weights: list[Pytree] = []
     if policy is learned:
         weights = [train(jax.random.key(int(name[-1])), train_towns, PPO._replace(updates=options.updates))]
     keys = jax.random.split(jax.random.key(1000), options.runs)
-    runs: Runs = {}
-    for robots in (FEW, MANY):
-        drive_town = partial(drive, policy=policy, rule=rule, robots=robots)
-        drive_all = jax.vmap(jax.vmap(drive_town, (None, 0, *[None] * len(weights))), (0, *[None] * (1 + len(weights))))
-        runs[str(robots)] = [field.tolist() for field in drive_all(keys, test_towns, *weights)]
-    return runs
+
+    def drive_all(robots: int) -> Outcome:
+        of_town = partial(drive, policy=policy, rule=rule, robots=robots)
+        return jax.vmap(lambda key: jax.vmap(lambda town: of_town(key, town, *weights))(test_towns))(keys)
+
+    return {str(robots): [field.tolist() for field in drive_all(robots)] for robots in (FEW, MANY)}
 
 
 def make_shared_towns() -> dict[str, list[list[list[int]]]]:
@@ -313,11 +314,13 @@ def summarize(runs: Mapping[str, Runs], robots: int) -> dict[str, dict[str, obje
 
 
 def _table(summary: Mapping[str, Mapping[str, Any]]) -> str:
-    head = ("robots", "runs in gridlock", "ratio to all-way stop, 95 %", "goals", "ratio, 95 %", "goals before")
+    head = ("policy", "runs in gridlock", "ratio, 95 %", "goals", "ratio, 95 %", "goals before gridlock")
     rows = []
     for name, figures in summary.items():
-        ratios = [figures[f"{what} / all-way stop"] for what in ("gridlocks", "goals")]
-        gridlocks, goals = (f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high in ratios)
+        gridlocks, goals = "", ""
+        if name != "all-way stop":
+            ratios = [figures[f"{what} / all-way stop"] for what in ("gridlocks", "goals")]
+            gridlocks, goals = (f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high in ratios)
         numbers = [f"{figures['goals']:.1f}", goals, f"{figures['goals_before']:.1f}"]
         rows.append((name, f"{100 * figures['gridlocks']:.1f} %", gridlocks, *numbers))
     return table(head, rows)
