@@ -121,7 +121,7 @@ def random_turns(key: Array, seen: Seen) -> Array:
 
 
 def around_full_streets(key: Array, seen: Seen) -> Array:
-    """Takes the turn of least tiles, where a full street counts 16. Of 1, 4, 8, 16, 24 and 32 this was best."""
+    """Takes the turn of least tiles, where a full street counts 16: of 4, 8, 16, 24 and 32 this gave the most goals."""
     return _least(8 * seen.turns[:, :, 0] + 16 * seen.turns[:, :, 2], seen)
 
 
