@@ -201,12 +201,12 @@ def test_a_line_closes_if_and_only_if_its_robots_are_then_in_gridlock(grids):
         after, _ = model.move(key, town, traffic, sharing.shortest(key, seen), rule)
         return seen.allowed[:, :3], seen.closes, makes, after
 
-    closed = 0
-    for number, grid in enumerate(grids):
+    closed, is_gridlock = 0, jax.jit(model.is_gridlock)
+    for number, grid in enumerate(grids[:3]):
         town = model.make_town(grid)
         traffic = model.place(jax.random.key(number), town, robots)
         for time in range(60):
-            if model.is_gridlock(town, traffic).any():
+            if is_gridlock(town, traffic).any():
                 break
             allowed, closes, makes, traffic = look_and_move(jax.random.key(time), town, traffic)
             np.testing.assert_array_equal(closes[allowed], makes[allowed])
@@ -219,14 +219,14 @@ def test_the_outcome_of_a_run_is_that_of_its_steps(grids):
     robots, steps, rule = 36, 40, model.RULES["right before left"]
     town, ended_early = model.make_town(grids[0]), 0
     run = partial(sharing.drive, policy=sharing.shortest, rule="right before left", robots=robots, steps=steps)
-    move = jax.jit(partial(model.move, rule=rule))
+    move, is_gridlock = jax.jit(partial(model.move, rule=rule)), jax.jit(model.is_gridlock)
     choose = jax.jit(lambda key, town, traffic: sharing.shortest(key, model.observe(town, traffic)))
     for number in range(4):
         placing, driving = jax.random.split(jax.random.key(number))
         traffic, free, goals, before = model.place(placing, town, robots), 0, 0, 0
         for key in jax.random.split(driving, steps):
             choosing, going = jax.random.split(key)
-            is_free = not bool(model.is_gridlock(town, traffic).any())
+            is_free = not is_gridlock(town, traffic).any()
             traffic, reached = move(going, town, traffic, choose(choosing, town, traffic))
             free, goals, before = free + is_free, goals + int(reached.sum()), before + is_free * int(reached.sum())
         assert tuple(map(int, run(jax.random.key(number), town))) == (free, before, goals)
