@@ -36,6 +36,7 @@ from elitelanes_jax.formats.signals import crossing_of, rights_of_way  # noqa: E
 from elitelanes_jax.formats.streets import Streets  # noqa: E402
 from elitelanes_jax.lanes.curves import on_road  # noqa: E402
 from elitelanes_jax.maps import FormatOptions, furnish  # noqa: E402
+from elitelanes_jax.network.codes import SIDES  # noqa: E402
 from elitelanes_jax.network.wfc import generate_batch  # noqa: E402
 
 PAGE = ROOT / "docs" / "simulators.md"
@@ -176,7 +177,11 @@ def expected(road_map: RoadMap, to: str) -> dict[str, float]:
         stops = sum(signs.count(tile) or arms[tile] for tile in stopping)
     else:
         stops = sum(arms[tile] for tile in stopping)
-    codes, middles = road_map.codes, np.arange(0.1, 1, 0.2)
+    # Connections that the neighbour does not return are no roads.
+    codes, middles = np.zeros(road_map.codes.shape, int), np.arange(0.1, 1, 0.2)
+    for tile, other in links.to_directed().edges:
+        down, right = other[0] - tile[0], other[1] - tile[1]
+        codes[tile] += next(side.bit for side in SIDES if (side.down, side.right) == (down, right))
     return {
         "lanes": 2 * roads + turns,
         "links": 2 * turns,
