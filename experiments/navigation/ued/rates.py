@@ -1,6 +1,6 @@
 """Chooses the learning rate of each method, on 5 x 5 A. The rows of the table have other spaces.
 
-    python -m experiments.navigation.ued.rates [--seeds N] [--rounds N] [--quick]
+    python -m experiments.navigation.ued.rates [--methods ...] [--seeds N] [--rounds N] [--quick]
 
 Writes rates.md into the folder of results, which keeps every finished row: the same command continues. `RATES` in
 rows.py has the chosen rates.
@@ -28,6 +28,7 @@ _SPACE = "5x5A"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("rates", __doc__)
+    parser.add_argument("--methods", nargs="+", metavar="NAME", help="of rows.METHODS, default all")
     parser.add_argument("--seeds", type=whole(1, 1000), default=3, metavar="N", help="of each rate; default 3")
     parser.add_argument("--rounds", type=whole(10, 10_000), default=60, metavar="N", help="of driving; default 60")
     parser.add_argument("--out", type=Path, default=Path("results/ued-rates"), metavar="DIR")
@@ -40,14 +41,15 @@ def _run(options: argparse.Namespace) -> None:
     require("training needs", "flax", "optax", "jaxued")
     from experiments.navigation.ued.agent import settings
     from experiments.navigation.ued.report import at_end
-    from experiments.navigation.ued.rows import METHODS, run_row
+    from experiments.navigation.ued.rows import check_methods, run_row
 
+    methods = check_methods(options.methods)
     ppo = settings(options.rounds, quick=options.quick)
     about = {"program": "ued-rates", "version": __version__, "space": _SPACE, "ppo": ppo._asdict()}
     open_results(options.out, about)
     use_compile_cache()
     lines = []
-    for method in METHODS:
+    for method in methods:
         means = []
         for rate in CANDIDATES:
             regrets = []

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypedDict
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from numpy.typing import NDArray
 
 from elitelanes_jax.drive import LaneNode, Level, RoadNav
@@ -20,7 +20,7 @@ from experiments.common import Pytree
 from experiments.navigation.ued.agent import NETWORK, params
 from experiments.navigation.ued.spaces import Space
 
-__all__ = ["Outcome", "Summary", "evaluate", "summarise"]
+__all__ = ["Outcome", "Summary", "evaluate", "regret_to_goals", "summarise"]
 
 
 class Outcome(NamedTuple):
@@ -58,36 +58,78 @@ def evaluate(weights: Pytree, space: Space, *, greedy: bool) -> Outcome:
       space: the levels.
       greedy: whether the policy takes its most probable action, the first of several, or draws its actions.
     """
-    choices = int(space.choice.sum(axis=1).max())
-    regret, success = _evaluate(weights, space, params(), greedy, choices)
+    regret, success = _evaluate(weights, space, params(), greedy, _most_choices(space))
     return Outcome(regret.reshape(-1)[space.pairs], success.reshape(-1)[space.pairs])
+
+
+def regret_to_goals(
+    weights: Pytree, space: Space, network: Int[Array, " K"], goal: Int[Array, " K"]
+) -> Float[Array, "K N"]:
+    """Computes the exact regret of the policy that draws its actions, from every start to each of K goals.
+
+    This asks the policy once at each choice of each goal's network. `evaluate` does so for all goals.
+
+    Args:
+      weights: of the agent's network.
+      space: the levels.
+      network: the index of each goal's network.
+      goal: the index of each goal among the nodes of its network.
+
+    Returns:
+      The regret from each of the N nodes. It has a meaning only where ``space.distance`` is above 0.
+    """
+    return _to_goals(weights, space, network, goal, params(), _most_choices(space))
+
+
+def _most_choices(space: Space) -> int:
+    return int(space.choice.sum(axis=1).max())
 
 
 @partial(jax.jit, static_argnames=("greedy", "choices"))
 def _evaluate(weights: Pytree, space: Space, params: Params, greedy: bool, choices: int) -> tuple[Array, Array]:
-    def evaluate_network(of: tuple[Array, LaneNode, Array, Array, Array]) -> tuple[Array, Array]:
-        grid, nodes, onward, choice, distance = of
-        # Nodes with a choice come first. The same turn is taken at all others, whatever the action.
-        deciding = jnp.argsort(~choice, stable=True)[:choices]
-        chances = _chances(weights, grid, nodes, deciding, params, greedy)
-        value, success = _returns(chances, deciding, onward, params)
-        best = params.goal_reward - params.tile_cost * distance
-        return best - value, success
+    goals = jnp.arange(space.choice.shape[1])
 
-    return jax.lax.map(evaluate_network, (space.grids, space.nodes, space.onward, space.choice, space.distance))
+    def evaluate_network(network: Array) -> tuple[Array, Array]:
+        return _of_network(weights, space, network, goals, params, greedy, choices)
+
+    return jax.lax.map(evaluate_network, jnp.arange(len(space.grids)))
 
 
-def _chances(weights: Pytree, grid: Array, nodes: LaneNode, deciding: Array, params: Params, greedy: bool) -> Array:
-    """Returns the probabilities ``[C, N, 3]`` of actions at C nodes on the way to each of N goals."""
+@partial(jax.jit, static_argnames="choices")
+def _to_goals(weights: Pytree, space: Space, network: Array, goal: Array, params: Params, choices: int) -> Array:
+    def evaluate_goal(network: Array, goal: Array) -> Array:
+        return _of_network(weights, space, network, goal[None], params, False, choices)[0][:, 0]
+
+    return jax.vmap(evaluate_goal)(network, goal)
+
+
+def _of_network(
+    weights: Pytree, space: Space, network: Array, goals: Array, params: Params, greedy: bool, choices: int
+) -> tuple[Array, Array]:
+    """Returns the regret and the probability of success ``[N, M]`` from every node of a network to M goals."""
+    grid, onward, choice = space.grids[network], space.onward[network], space.choice[network]
+    nodes = jax.tree.map(lambda part: part[network], space.nodes)
+    # Nodes with a choice come first. The same turn is taken at all others, whatever the action.
+    deciding = jnp.argsort(~choice, stable=True)[:choices]
+    chances = _chances(weights, grid, nodes, deciding, goals, params, greedy)
+    value, success = _returns(chances, deciding, goals, onward, params)
+    best = params.goal_reward - params.tile_cost * space.distance[network][:, goals]
+    return best - value, success
+
+
+def _chances(
+    weights: Pytree, grid: Array, nodes: LaneNode, deciding: Array, goals: Array, params: Params, greedy: bool
+) -> Array:
+    """Returns the probabilities ``[C, M, 3]`` of actions at C nodes on the way to each of M goals."""
 
     def observe(node: LaneNode, goal: LaneNode) -> Pytree:
         # The agent does not see the distance.
         level = Level(grid, node, goal, jnp.int32(0), jnp.zeros(grid.shape, jnp.uint8))
         return RoadNav.reset_to_level(jax.random.key(0), level, params)[0]
 
-    at = jax.tree.map(lambda part: part[deciding], nodes)
-    seen = jax.vmap(jax.vmap(observe, (None, 0)), (0, None))(at, nodes)
-    count = deciding.size * nodes.row.size
+    at, towards = (jax.tree.map(lambda part, index=index: part[index], nodes) for index in (deciding, goals))
+    seen = jax.vmap(jax.vmap(observe, (None, 0)), (0, None))(at, towards)
+    count = deciding.size * goals.size
     row = jax.tree.map(lambda part: part.reshape(1, count, *part.shape[2:]), seen)
     outputs: Pytree = NETWORK.apply(weights, jnp.zeros((count, NETWORK.memory)), row, jnp.ones((1, count), bool))
     _, head, _ = outputs
@@ -95,13 +137,12 @@ def _chances(weights: Pytree, grid: Array, nodes: LaneNode, deciding: Array, par
         chances = jax.nn.one_hot(head.argmax(axis=-1), 3)
     else:
         chances = jax.nn.softmax(head)
-    return chances.reshape(deciding.size, nodes.row.size, 3)
+    return chances.reshape(deciding.size, goals.size, 3)
 
 
-def _returns(chances: Array, deciding: Array, onward: Array, params: Params) -> tuple[Array, Array]:
-    """Returns the expected return and the probability of success ``[N, N]`` from each node to each goal."""
-    count = len(onward)
-    at_goal = jnp.eye(count, dtype=bool)
+def _returns(chances: Array, deciding: Array, goals: Array, onward: Array, params: Params) -> tuple[Array, Array]:
+    """Returns the expected return and the probability of success ``[N, M]`` from each node to each of M goals."""
+    at_goal = jnp.arange(len(onward))[:, None] == goals
     ways = onward[deciding]  # [C, action]
 
     def extend(_: Array, after: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -114,7 +155,7 @@ def _returns(chances: Array, deciding: Array, onward: Array, params: Params) -> 
         decided = sum(chances[:, :, action] * after[ways[:, action]] for action in range(3))
         return after[onward[:, 0]].at[deciding].set(decided)
 
-    nothing = jnp.zeros((count, count))
+    nothing = jnp.zeros(at_goal.shape)
     return jax.lax.fori_loop(0, params.limit, extend, (nothing, nothing))
 
 

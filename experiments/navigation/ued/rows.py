@@ -9,23 +9,35 @@ from typing import TypedDict
 import jax
 import numpy as np
 
-from elitelanes_jax import evolve
+from elitelanes_jax import InputError, evolve
 from experiments.navigation.maps import human_maps
 from experiments.navigation.ppo import Ppo
 from experiments.navigation.ued.agent import Agent
-from experiments.navigation.ued.methods import accel, archive, domain_randomisation, oracle, plr, sfl
+from experiments.navigation.ued.methods import (
+    accel,
+    archive,
+    domain_randomisation,
+    neighbours,
+    oracle,
+    plr,
+    sfl,
+    traced,
+)
 from experiments.navigation.ued.regret import Summary, evaluate, summarise
 from experiments.navigation.ued.spaces import Space, make_space, open_space
 
-__all__ = ["METHODS", "RATES", "Row", "run_row"]
+__all__ = ["METHODS", "RATES", "Row", "check_methods", "run_row"]
 
 METHODS: dict[str, Callable[..., Iterator[Agent]]] = {
     "domain randomisation": domain_randomisation.train,
     "PLR": plr.train,
     "robust PLR": plr.robust_train,
     "ACCEL": accel.train,
+    "TRACED": traced.train,
     "SFL": sfl.train,
     "archive": archive.train,
+    "neighbours": neighbours.train,
+    "neighbours, no spread": neighbours.train_without_spread,
     "oracle": oracle.train,
 }
 """The methods by the names in the table."""
@@ -35,11 +47,18 @@ RATES = {
     "PLR": 4e-3,
     "robust PLR": 4e-3,
     "ACCEL": 8e-3,
+    "TRACED": 8e-3,
     "SFL": 4e-3,
     "archive": 4e-3,
+    "neighbours": 2e-3,
+    "neighbours, no spread": 2e-3,
     "oracle": 2e-3,
 }
-"""The learning rates of the methods, chosen on 5 x 5 A by rates.py."""
+"""The learning rates of the methods, chosen on 5 x 5 A by rates.py.
+
+TRACED has the rate of ACCEL, whose loop it shares. The methods of neighbours have the rate of the oracle, and their
+pilot runs had it.
+"""
 
 TIMES = 4
 """The times in a training at which the regret is computed, at equal distances, the end included."""
@@ -74,6 +93,14 @@ def _unseen() -> dict[str, Space]:
     if folder is not None:
         spaces["people's maps"] = make_space(human_maps(folder))
     return spaces
+
+
+def check_methods(names: list[str] | None) -> list[str]:
+    """Returns the methods that ``--methods`` names, or all without names. Raises `InputError` for an unknown name."""
+    for name in names or []:
+        if name not in METHODS:
+            raise InputError("--methods", f"some of {', '.join(METHODS)}", name)
+    return names or list(METHODS)
 
 
 def run_row(method: str, seed: int, space_name: str, ppo: Ppo, *, unseen: bool = True) -> Row:

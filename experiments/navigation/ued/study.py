@@ -35,12 +35,10 @@ def _run(options: argparse.Namespace) -> None:
     require("training needs", "flax", "optax", "jaxued")
     from experiments.navigation.ued.agent import settings
     from experiments.navigation.ued.report import at_end, write_report
-    from experiments.navigation.ued.rows import METHODS, RATES, run_row
+    from experiments.navigation.ued.rows import RATES, check_methods, run_row
     from experiments.navigation.ued.scores import study_scores
 
-    methods = options.methods or list(METHODS)
-    if unknown := [name for name in methods if name not in METHODS]:
-        raise InputError("--methods", f"some of {', '.join(METHODS)}", unknown[0])
+    methods = check_methods(options.methods)
     ppo = settings(options.rounds, quick=options.quick)
     about = {"program": "ued", "version": __version__, "space": options.space, "ppo": ppo._asdict(), "rates": RATES}
     open_results(options.out, about)

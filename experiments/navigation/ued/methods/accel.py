@@ -15,7 +15,7 @@ from elitelanes_jax.drive import UNREACHABLE, Level, distances, random_level
 from elitelanes_jax.optimizers import MoveWeights, random_move
 from experiments.navigation.ppo import Ppo
 from experiments.navigation.ued.agent import Agent, learn, new_agent, rollout, score
-from experiments.navigation.ued.methods.plr import LevelBuffer
+from experiments.navigation.ued.methods.plr import UNSEEN, LevelBuffer
 from experiments.navigation.ued.spaces import Space, draw, levels_of
 
 __all__ = ["edit", "train"]
@@ -28,25 +28,25 @@ def train(key: Key[Array, ""], space: Space, ppo: Ppo, *, capacity: int = 2048) 
     # A third of the rounds replays: each replay is followed by a round of edits, and as many rounds are new levels.
     ppo = ppo._replace(updates=max(1, rounds // 3))
     agent = new_agent(key, levels, ppo)
-    buffer = LevelBuffer(jax.tree.map(lambda part: part[0], levels), capacity)
+    buffer = LevelBuffer(jax.tree.map(lambda part: part[0], levels), capacity, UNSEEN)
     edits_follow = False
     for number in range(rounds):
         deciding, drawing, driving, learning = jax.random.split(jax.random.fold_in(key, number), 4)
         if edits_follow:
             levels = edit(drawing, levels)
         elif replays := buffer.replays(deciding):
-            places, levels, highest = buffer.sample(drawing, ppo.envs)
+            places, levels, extra = buffer.sample(drawing, ppo.envs)
         else:
             levels = levels_of(space, draw(drawing, space, ppo.envs))
         driven = rollout(driving, agent, levels, ppo)
         if not edits_follow and replays:
-            scores = score(driven, ppo, highest)
-            buffer.update(places, scores.max_mc, scores.highest_return)
+            scores = score(driven, ppo, extra["highest_return"])
+            buffer.update(places, scores.max_mc, {"highest_return": scores.highest_return})
             agent = learn(learning, agent, driven, ppo)
             edits_follow = True
         else:
             scores = score(driven, ppo)
-            buffer.insert(levels, scores.max_mc, scores.highest_return)
+            buffer.insert(levels, scores.max_mc, {"highest_return": scores.highest_return})
             edits_follow = False
         yield agent
 

@@ -4,11 +4,12 @@ Jiang et al., "Prioritized level replay", 2021, and "Replay-guided adversarial e
 kept by JaxUED's sampler, and scored by MaxMC.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
+from typing import TypeAlias
 
 import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Key
 
 from elitelanes_jax.drive import Level
@@ -17,17 +18,26 @@ from experiments.navigation.ppo import Ppo
 from experiments.navigation.ued.agent import Agent, learn, new_agent, rollout, score
 from experiments.navigation.ued.spaces import Space, draw, levels_of
 
-__all__ = ["LevelBuffer", "robust_train", "train"]
+__all__ = ["UNSEEN", "LevelBuffer", "robust_train", "train"]
 
 REPLAY = 0.5
 """The probability that a round replays levels, once half of the buffer is filled."""
 
+Extra: TypeAlias = Mapping[str, Array | np.generic]
+"""The extra numbers of one level, or of a batch, by name."""
+
+UNSEEN: Extra = {"highest_return": np.float32(-np.inf)}
+"""The extra numbers of a level for MaxMC, before its first rollout."""
+
 
 class LevelBuffer:
-    """JaxUED's `LevelSampler` with its state. A level that comes again updates its score."""
+    """JaxUED's `LevelSampler` with its state. A level that comes again updates its score.
 
-    def __init__(self, level: Level, capacity: int) -> None:
-        """Makes an empty buffer of levels like this one."""
+    Beside its score, a level has extra numbers by name.
+    """
+
+    def __init__(self, level: Level, capacity: int, extra: Extra) -> None:
+        """Makes an empty buffer of levels like this one, with such extra numbers."""
         # JaxUED 0.0.1 calls it, and JAX 0.10 has it no longer.
         jax.tree_map = jax.tree.map  # type: ignore[attr-defined]
         from jaxued.level_sampler import LevelSampler
@@ -43,24 +53,24 @@ class LevelBuffer:
         )
         self._sample = jax.jit(self._sampler.sample_replay_levels, static_argnums=2)
         self._insert, self._update = jax.jit(self._sampler.insert_batch), jax.jit(self._sampler.update_batch)
-        self.state: Untyped = self._sampler.initialize(level, {"highest_return": jnp.float32(-jnp.inf)})
+        self.state: Untyped = self._sampler.initialize(level, extra)
 
     def replays(self, key: Array) -> bool:
         """Draws whether the next round replays levels."""
         return bool(self._sampler.sample_replay_decision(self.state, key))
 
-    def sample(self, key: Array, count: int) -> tuple[Array, Level, Array]:
-        """Draws levels by score and age: their places, the levels, and the highest returns on them so far."""
+    def sample(self, key: Array, count: int) -> tuple[Array, Level, dict[str, Array]]:
+        """Draws levels by score and age: their places, the levels, and their extra numbers."""
         self.state, (places, levels) = self._sample(self.state, key, count)
-        return places, levels, self.state["levels_extra"]["highest_return"][places]
+        return places, levels, {name: values[places] for name, values in self.state["levels_extra"].items()}
 
-    def insert(self, levels: Level, scores: Array, highest_return: Array) -> None:
+    def insert(self, levels: Level, scores: Array, extra: Extra) -> None:
         """Inserts levels that score higher than the levels that they replace."""
-        self.state, _ = self._insert(self.state, levels, scores, {"highest_return": highest_return})
+        self.state, _ = self._insert(self.state, levels, scores, extra)
 
-    def update(self, places: Array, scores: Array, highest_return: Array) -> None:
-        """Changes the scores of levels."""
-        self.state = self._update(self.state, places, scores, {"highest_return": highest_return})
+    def update(self, places: Array, scores: Array, extra: Extra) -> None:
+        """Changes the scores and the extra numbers of levels."""
+        self.state = self._update(self.state, places, scores, extra)
 
 
 def train(
@@ -71,21 +81,21 @@ def train(
     if robust:
         ppo = ppo._replace(updates=max(1, int(ppo.updates * REPLAY)))  # for the rate, which falls as the agent learns
     agent = new_agent(key, levels, ppo)
-    buffer = LevelBuffer(jax.tree.map(lambda part: part[0], levels), capacity)
+    buffer = LevelBuffer(jax.tree.map(lambda part: part[0], levels), capacity, UNSEEN)
     rounds = int(ppo.updates / REPLAY) if robust else ppo.updates
     for number in range(rounds):
         deciding, drawing, driving, learning = jax.random.split(jax.random.fold_in(key, number), 4)
         replays = buffer.replays(deciding)
         if replays:
-            places, levels, highest = buffer.sample(drawing, ppo.envs)
+            places, levels, extra = buffer.sample(drawing, ppo.envs)
             driven = rollout(driving, agent, levels, ppo)
-            scores = score(driven, ppo, highest)
-            buffer.update(places, scores.max_mc, scores.highest_return)
+            scores = score(driven, ppo, extra["highest_return"])
+            buffer.update(places, scores.max_mc, {"highest_return": scores.highest_return})
         else:
             levels = levels_of(space, draw(drawing, space, ppo.envs))
             driven = rollout(driving, agent, levels, ppo)
             scores = score(driven, ppo)
-            buffer.insert(levels, scores.max_mc, scores.highest_return)
+            buffer.insert(levels, scores.max_mc, {"highest_return": scores.highest_return})
         if replays or not robust:
             agent = learn(learning, agent, driven, ppo)
         yield agent
