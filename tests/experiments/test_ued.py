@@ -19,7 +19,16 @@ from elitelanes_jax.network import measure
 
 pytest.importorskip("experiments.navigation.ppo", reason="flax and optax are not here", exc_type=ImportError)
 from experiments.navigation.ued import agent, jaxued_scripts, regret, spaces
-from experiments.navigation.ued.methods import accel, archive, domain_randomisation, oracle, plr, sfl
+from experiments.navigation.ued.methods import (
+    accel,
+    archive,
+    domain_randomisation,
+    neighbours,
+    oracle,
+    plr,
+    sfl,
+    traced,
+)
 
 CERTIFICATES = Path(__file__).parents[2] / "experiments" / "search" / "results" / "certificates.md"
 
@@ -149,6 +158,19 @@ def test_regret_is_that_of_driving(space, greedy):
     assert np.corrcoef(sampled.mean(axis=0), exact)[0, 1] > 0.8
 
 
+@pytest.mark.slow
+def test_regret_to_goals_is_the_regret_of_their_levels(space):
+    levels = spaces.levels_of(space, jnp.arange(len(space.pairs)))
+    weights = agent.new_agent(jax.random.key(1), levels, agent.PPO).weights
+    weights = jax.tree.map(lambda part: 3 * part, weights)
+    network, goal = np.divmod(np.arange(space.choice.size), space.choice.shape[1])
+    regrets = np.asarray(regret.regret_to_goals(weights, space, jnp.asarray(network), jnp.asarray(goal)))
+    by_level = regrets.reshape(*space.choice.shape, -1).swapaxes(1, 2).reshape(-1)[np.asarray(space.pairs)]
+    exact = regret.evaluate(weights, space, greedy=False).regret
+    np.testing.assert_allclose(by_level, exact, atol=1e-5)
+    assert exact.std() > 0.1
+
+
 def test_summaries_are_means_of_the_worst(space):
     outcome = regret.Outcome(jnp.arange(len(space.pairs), dtype=jnp.float32), jnp.zeros(len(space.pairs)))
     summary, last = regret.summarise(space, outcome), len(space.pairs) - 1
@@ -208,6 +230,93 @@ def test_random_levels_are_uniform_and_the_oracle_leaves_the_ring_out(monkeypatc
     assert is_theta(learned_networks(monkeypatch, oracle, corridor, SHORT)).all()
 
 
+def test_goals_one_tile_apart_are_those_of_the_graph(corridor):
+    is_next = neighbours.next_goals(corridor)
+    for number, grid in enumerate([RING, THETA]):
+        nodes = list(zip(*(np.asarray(part)[number].tolist() for part in corridor.nodes), strict=True))
+        graph = lane_graph(np.array(grid))
+        # A network with fewer nodes repeats its first one.
+        for first, second in np.ndindex(len(set(nodes)), len(set(nodes))):
+            edges = graph.has_edge(nodes[first], nodes[second]), graph.has_edge(nodes[second], nodes[first])
+            assert is_next[number, first, second] == any(edges)
+
+
+@pytest.mark.parametrize("known", [0.0, 0.2, 1.0])
+def test_an_unknown_regret_is_the_mean_of_its_neighbours(corridor, known):
+    rng = np.random.default_rng(0)
+    is_level = np.asarray(corridor.distance) > 0
+    is_next = neighbours.next_goals(corridor)
+    table = np.where(is_level & (rng.random(is_level.shape) < known), rng.random(is_level.shape), np.nan)
+    table = table.astype(np.float32)
+    predicted = neighbours.predict(table, is_level, is_next)
+    mean = np.nanmean(table) if known else neighbours.UNKNOWN
+    for network, start, goal in np.ndindex(table.shape):
+        near = [
+            table[network, start, other]
+            for other in np.flatnonzero(is_next[network, goal])
+            if not np.isnan(table[network, start, other])
+        ]
+        if not np.isnan(table[network, start, goal]):
+            expected = table[network, start, goal]
+        elif not is_level[network, start, goal]:
+            expected = 0
+        else:
+            expected = np.mean(near) if near else mean
+        assert predicted[network, start, goal] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_predicted_regret_leaves_the_ring_out(monkeypatch, corridor):
+    """A round that looks at all goals knows what the oracle knows. With few goals, most levels are not on the ring."""
+    looked = []
+    compute = neighbours.regret_to_goals
+
+    def recording(weights, space, network, goal):
+        looked.append(list(zip(network.tolist(), goal.tolist(), strict=True)))
+        return compute(weights, space, network, goal)
+
+    monkeypatch.setattr(neighbours, "regret_to_goals", recording)
+    assert is_theta(learned_networks(monkeypatch, neighbours, corridor, SHORT, goals=1000)).all()
+    goals = (np.asarray(corridor.distance) > 0).any(axis=1)
+    assert all(sorted(goal) == list(zip(*map(list, goals.nonzero()), strict=True)) for goal in looked)
+    for spread in (True, False):
+        looked.clear()
+        networks = learned_networks(monkeypatch, neighbours, corridor, SHORT, goals=8, spread=spread)
+        assert lower_bound(is_theta(networks).mean(axis=1)) > share_in_space(corridor)
+        assert all(len(set(goal)) == 8 and goals[tuple(zip(*goal, strict=True))].all() for goal in looked)
+
+
+def test_transitions_are_not_predicted_across_episodes():
+    rng = np.random.default_rng(0)
+    predicted, seen = rng.random((2, 6, 3, 5))
+    ended = rng.random((6, 3)) < 0.3
+    ended[:, 0] = True
+    loss = np.asarray(traced.transition_loss(jnp.asarray(predicted), jnp.asarray(seen), jnp.asarray(ended)))
+    for level in range(3):
+        errors = [
+            np.mean((predicted[step, level] - seen[step + 1, level]) ** 2)
+            for step in range(5)
+            if not ended[step, level]
+        ]
+        assert loss[level] == pytest.approx(np.mean(errors) if errors else 0, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_the_transition_model_learns_where_decisions_lead(corridor):
+    levels = spaces.levels_of(corridor, spaces.draw(jax.random.key(0), corridor, PPO.envs))
+    learner = agent.new_agent(jax.random.key(0), levels, PPO)
+    driven = agent.rollout(jax.random.key(1), learner, levels, PPO)
+    value_loss = agent.score(driven, PPO).positive_value_loss
+    predictor = traced.Predictor(jax.random.key(2), driven)
+    losses = [
+        float((predictor.difficulty(jax.random.key(number), driven, PPO) - value_loss).mean()) for number in range(60)
+    ]
+    # A model that predicts no change has this loss or more.
+    seen = driven.seen.window
+    same = ((seen[:-1] & 9) != (seen[1:] & 9))[~np.asarray(driven.ended[:-1])].mean() / 3
+    assert losses[-1] < min(0.2 * losses[0], same)
+
+
 @pytest.mark.slow
 def test_learnable_levels_are_not_on_the_ring(monkeypatch, corridor):
     """Nobody fails on the ring. Half of a batch are learnable levels, and half are random.
@@ -232,24 +341,24 @@ def test_the_archive_is_a_source_of_levels(monkeypatch, corridor):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["PLR", "robust PLR", "ACCEL"])
+@pytest.mark.parametrize("name", ["PLR", "robust PLR", "ACCEL", "TRACED"])
 def test_levels_of_high_scores_are_replayed(monkeypatch, corridor, name):
-    """Not those of high regret: MaxMC does not follow it for long, see docs/ued.md.
+    """Not those of high regret: no score of a rollout follows it for long, see docs/ued.md.
 
     A method that ignores its scores draws levels whose score is that of half of the buffer.
     """
     pytest.importorskip("jaxued")
-    module = accel if name == "ACCEL" else plr
+    module = {"ACCEL": accel, "TRACED": traced}.get(name, plr)
     buffers, replays, ranks = [], [], []
 
     class RecordingBuffer(plr.LevelBuffer):
         def sample(self, key, count):
             buffers.append(self)
             scores = np.asarray(self.state["scores"])[: int(self.state["size"])]
-            places, levels, highest = super().sample(key, count)
+            places, levels, extra = super().sample(key, count)
             replays.append(np.asarray(levels.grid))
             ranks.append(stats.percentileofscore(scores, scores[places], "mean").mean() / 100)
-            return places, levels, highest
+            return places, levels, extra
 
     monkeypatch.setattr(module, "LevelBuffer", RecordingBuffer)
     settings = {"robust": True} if name == "robust PLR" else {}
@@ -259,9 +368,18 @@ def test_levels_of_high_scores_are_replayed(monkeypatch, corridor, name):
         assert len(networks) == PPO.updates
     else:
         np.testing.assert_array_equal(networks, replays)
-    # The buffer knows of each level the highest return: the best one where nothing can be decided.
     state = buffers[-1].state
     size = int(state["size"])
+    if name == "TRACED":
+        # The score is the difficulty. Levels of each replay, except the last one, have its co-learnability too.
+        gains = np.asarray(state["scores"] - state["levels_extra"]["difficulty"])[:size]
+        learned = np.asarray(state["levels_extra"]["learned"])[:size]
+        by_replay = {number: gains[learned == number] for number in np.unique(learned)}
+        assert all(np.ptp(gain) < 1e-5 for gain in by_replay.values())
+        assert (by_replay[traced.NEVER] == 0).all() and (by_replay[max(by_replay)] == 0).all()
+        assert sum(bool(gain.any()) for gain in by_replay.values()) >= 1
+        return
+    # The buffer knows of each level the highest return: the best one where nothing can be decided.
     highest = np.asarray(state["levels_extra"]["highest_return"])[:size]
     best = 1 - 0.01 * np.asarray(state["levels"].shortest)[:size]
     is_ring = (np.asarray(state["levels"].grid)[:size] == RING).all(axis=(1, 2))
