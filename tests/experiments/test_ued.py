@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import jax
@@ -18,7 +19,7 @@ from elitelanes_jax.drive import RoadNav
 from elitelanes_jax.network import measure
 
 pytest.importorskip("experiments.navigation.ppo", reason="flax and optax are not here", exc_type=ImportError)
-from experiments.navigation.ued import agent, jaxued_scripts, regret, spaces
+from experiments.navigation.ued import agent, jaxued_scripts, regret, spaces, worst
 from experiments.navigation.ued.methods import (
     accel,
     archive,
@@ -284,6 +285,63 @@ def test_predicted_regret_leaves_the_ring_out(monkeypatch, corridor):
         networks = learned_networks(monkeypatch, neighbours, corridor, SHORT, goals=8, spread=spread)
         assert lower_bound(is_theta(networks).mean(axis=1)) > share_in_space(corridor)
         assert all(len(set(goal)) == 8 and goals[tuple(zip(*goal, strict=True))].all() for goal in looked)
+
+
+def test_scores_find_the_worst_levels_among_the_highest():
+    regret, guess = np.arange(200.0), np.random.default_rng(0).random(200)
+    # The two worst levels are sought among the ten with the highest scores.
+    assert worst.find_worst(regret, regret, guess) == 1
+    assert worst.find_worst(-regret, regret, guess) == 0
+    assert worst.find_worst(np.where(regret == 199, 1, 0), regret, np.where(regret == 198, -1, guess)) == 0.5
+    found = [worst.find_worst(np.zeros(200), regret, np.random.default_rng(seed).random(200)) for seed in range(400)]
+    assert np.mean(found) == pytest.approx(0.05, abs=0.03)
+
+
+def test_neighbours_are_another_start_and_goals_one_tile_away(space):
+    rng = np.random.default_rng(0)
+    table = np.where(np.asarray(space.distance) > 0, rng.random(space.distance.shape), np.nan)
+    levels = rng.integers(len(space.pairs), size=50)
+    scores = worst._neighbour_scores(table, space, levels, rng.random(50))
+    levels_of = np.transpose(np.unravel_index(np.asarray(space.pairs)[levels], table.shape))
+    for (network, start, goal), other, near in zip(levels_of, *scores.values(), strict=True):
+        others = np.delete(table[network, :, goal], start)
+        assert other in others and other != table[network, start, goal]
+        is_near = [
+            other_goal in space.onward[network, goal] or goal in space.onward[network, other_goal]
+            for other_goal in range(table.shape[1])
+        ]
+        assert near == pytest.approx(np.nanmean(table[network, start, is_near]))
+
+
+@pytest.mark.slow
+def test_routes_are_ways_on_the_network(space):
+    levels = spaces.levels_of(space, jnp.arange(len(space.pairs)))
+    learner = agent.new_agent(jax.random.key(1), levels, agent.PPO)
+    learner = learner._replace(weights=jax.tree.map(lambda part: 3 * part, learner.weights))
+    table = worst._by_goal(space, learner)
+    greedy = np.full(space.distance.shape, np.nan)
+    exact = regret.evaluate(learner.weights, space, greedy=True).regret
+    greedy.reshape(-1)[np.asarray(space.pairs)] = exact
+    arrived = 0
+    for network, goal in [(0, 3), (1, 10), (2, 20), (0, 30)]:
+        route = worst._route(space, learner, table, network, goal)
+        graph = lane_graph(np.array(route["codes"]))
+        nodes = list(zip(*(np.asarray(part)[network].tolist() for part in space.nodes), strict=True))
+        start = nodes.index(tuple(route["shortest"][0]))
+        for way in (route["shortest"], route["driven"]):
+            assert tuple(way[0]) == nodes[start]
+            assert all(graph.has_edge(tuple(one), tuple(other)) for one, other in pairwise(way))
+        assert tuple(route["shortest"][-1]) == nodes[goal]
+        assert len(route["shortest"]) - 1 == space.distance[network, start, goal]
+        # The greedy policy drives this way: to the goal in as many tiles, or in a loop until the limit.
+        tiles = len(route["driven"]) - 1
+        if tuple(route["driven"][-1]) == nodes[goal]:
+            arrived += 1
+            assert greedy[network, start, goal] == pytest.approx(0.01 * (tiles - len(route["shortest"]) + 1), abs=1e-4)
+        else:
+            assert route["driven"].count(route["driven"][-1]) == 2
+            assert greedy[network, start, goal] > 1
+    assert arrived < 4
 
 
 def test_transitions_are_not_predicted_across_episodes():

@@ -20,7 +20,7 @@ from experiments.common import Pytree
 from experiments.navigation.ued.agent import NETWORK, params
 from experiments.navigation.ued.spaces import Space
 
-__all__ = ["Outcome", "Summary", "evaluate", "regret_to_goals", "summarise"]
+__all__ = ["Outcome", "Summary", "evaluate", "most_probable_actions", "regret_to_goals", "summarise"]
 
 
 class Outcome(NamedTuple):
@@ -79,6 +79,16 @@ def regret_to_goals(
       The regret from each of the N nodes. It has a meaning only where ``space.distance`` is above 0.
     """
     return _to_goals(weights, space, network, goal, params(), _most_choices(space))
+
+
+def most_probable_actions(weights: Pytree, space: Space, network: int, goal: int) -> Int[np.ndarray, " N"]:
+    """Returns the most probable action at each node of a network on the way to a goal; 0 where no turn is to choose."""
+    deciding = np.flatnonzero(space.choice[network])
+    grid, nodes = space.grids[network], jax.tree.map(lambda part: part[network], space.nodes)
+    chances = _chances(weights, grid, nodes, jnp.asarray(deciding), jnp.array([goal]), params(), True)
+    actions = np.zeros(space.choice.shape[1], int)
+    actions[deciding] = chances[:, 0].argmax(axis=-1)
+    return actions
 
 
 def _most_choices(space: Space) -> int:
