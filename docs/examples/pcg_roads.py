@@ -4,7 +4,7 @@ import pcg_benchmark
 
 from elitelanes_jax.benchmark.interop import register_pcg_problems
 
-register_pcg_problems()  # ['roads-v0', 'roads-filled-v0', 'roads-large-v0']
+names = register_pcg_problems()
 env = pcg_benchmark.make("roads-v0")
 contents = [env.content_space.sample() for _ in range(100)]
 controls = [env.control_space.sample() for _ in range(100)]
