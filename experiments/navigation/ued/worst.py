@@ -55,11 +55,15 @@ class Stage(TypedDict):
       rounds: of the training.
       goals: the goals of the worst levels, of all levels of the space.
       found: by score, the share of the worst levels that are among those with the highest scores.
+      expected: the mean value that the agent expects, of the worst levels and of all scored ones.
+      highest: the mean of the highest return in a rollout, of the same.
     """
 
     rounds: int
     goals: int
     found: dict[str, float]
+    expected: list[float]
+    highest: list[float]
 
 
 class Route(TypedDict):
@@ -145,8 +149,17 @@ def _study_stage(key: jax.Array, agent: Agent, space: Space, ppo: Ppo, rounds: i
     guess = np.asarray(jax.random.uniform(guessing, (SCORED,)))
     scores = _rollout_scores(scoring, agent, space, levels, ppo) | _neighbour_scores(regret, space, levels, guess)
     scores[CHANCE] = guess
-    found = {name: find_worst(values, of_level[levels], guess) for name, values in scores.items()}
-    return {"rounds": rounds, "goals": len(goals_of_worst), "found": found}
+    expected, highest = scores.pop("value"), scores.pop("highest return")
+    # Few rollouts end no episode. These have no return.
+    highest = np.where(np.isfinite(highest), highest, np.nan)
+    worst = np.argsort(-of_level[levels])[: int(SCORED * WORST)]
+    return {
+        "rounds": rounds,
+        "goals": len(goals_of_worst),
+        "found": {name: find_worst(values, of_level[levels], guess) for name, values in scores.items()},
+        "expected": [float(expected[worst].mean()), float(expected.mean())],
+        "highest": [float(np.nanmean(highest[worst])), float(np.nanmean(highest))],
+    }
 
 
 def find_worst(score: np.ndarray, regret: np.ndarray, guess: np.ndarray) -> float:
@@ -181,9 +194,13 @@ def _rollout_scores(key: jax.Array, agent: Agent, space: Space, levels: np.ndarr
     for driven in drives[:LEARNED]:
         predictor.difficulty(key, driven, wide)
     difficulty = [predictor.difficulty(key, driven, wide) for driven in drives]
+    max_mc = np.concatenate([part.max_mc for part in scores])
     return {
+        "value": np.concatenate([driven.value.mean(axis=0) for driven in drives]),
+        "highest return": np.concatenate([part.highest_return for part in scores]),
         "positive value loss": np.concatenate([part.positive_value_loss for part in scores]),
-        "MaxMC": np.concatenate([part.max_mc for part in scores]),
+        "MaxMC": max_mc,
+        "MaxMC with the other sign": -max_mc,
         "learnability": np.concatenate([part.learnability for part in scores]),
         "difficulty of TRACED": np.concatenate(difficulty),
     }
@@ -239,6 +256,10 @@ def _report(studies: list[Study]) -> str:
     goals = [[float(study["stages"][at]["goals"]) for study in studies] for at in range(len(stages))]
     count = len(studies[0]["goals"])
     lines.append([f"goals of the worst levels, of {count:,}", *(with_interval(numbers, 0) for numbers in goals)])
+    for at_level, which in enumerate(("the worst levels", "all levels")):
+        for name, words in (("expected", "the value that the agent expects"), ("highest", "the highest return")):
+            by_stage = [[study["stages"][at][name][at_level] for study in studies] for at in range(len(stages))]  # type: ignore[literal-required]
+            lines.append([f"{words}, {which}", *(with_interval(numbers, 2) for numbers in by_stage)])
     words = (
         f"The share of the worst 1 % of levels that are among the 5 % with the highest scores, after so many rounds of"
         f" domain randomisation. Means of {len(studies)} agents, and 95 % intervals.\n\n"
@@ -255,7 +276,8 @@ def _picture(studies: list[Study]) -> Figure:
     for study in studies:
         goals = np.sort(study["goals"])[::-1]
         axes[2].plot(100 * np.arange(1, len(goals) + 1) / len(goals), goals, linewidth=1)
-    axes[2].set(xscale="log", xlabel="percentile of the goal, worst first", ylabel="mean regret from all starts")
+    axes[2].set(xscale="log", xlabel="% of goals, the worst first", ylabel="mean regret from all starts")
+    axes[2].set_xticks([0.1, 1, 10, 100], ["0.1", "1", "10", "100"])
     axes[2].set_title("regret by goal, a line for each agent", fontsize=9)
     axes[2].grid(alpha=0.3)
     _draw_found(axes[3], studies)
@@ -276,11 +298,13 @@ def _draw_found(ax: Axes, studies: list[Study]) -> None:
 
 def _draw_route(ax: Axes, route: Route) -> None:
     road_map(route["codes"], ax=ax, lanes=False)
-    ways = {"shortest": ("shortest way", "tab:green", 0.1), "driven": ("driven, for ever", "tab:red", -0.1)}
-    for name, (label, colour, aside) in ways.items():
-        nodes = np.array(route[name], float)  # type: ignore[literal-required]
-        # The two ways are drawn beside each other.
-        ax.plot(nodes[:, 1] + 0.5 + aside, nodes[:, 0] + 0.5 + aside, color=colour, linewidth=2, label=label)
+    # The two ways are drawn beside each other.
+    for way, label, colour, middle in (
+        (route["shortest"], "shortest way", "tab:green", 0.6),
+        (route["driven"], "driven, for ever", "tab:red", 0.4),
+    ):
+        rows, columns = (np.array([node[axis] for node in way]) + middle for axis in (0, 1))
+        ax.plot(columns, rows, color=colour, linewidth=2, label=label)
     start = route["shortest"][0]
     ax.plot(start[1] + 0.5, start[0] + 0.5, "o", color="white", markeredgecolor="black", markersize=8, label="start")
     row, column, heading = route["shortest"][-1]
