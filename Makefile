@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk onnx interop cluster mujoco pack-town pack-paper pack-city pack-hard readers metadrive pufferdrive rl sb3 shards ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism gridlock driving-speed clean
+.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk onnx interop cluster mujoco pack-town pack-paper pack-city pack-hard readers metadrive pufferdrive rl sb3 shards pcg ued ued-jaxued ued-tests ued-worst trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism gridlock driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -357,6 +357,9 @@ vector-speed: .venv-rl/.ready
 ued: .venv-ued/.ready
 	.venv-ued/bin/python -m experiments.navigation.ued.study
 
+ued-worst: .venv-ued/.ready
+	.venv-ued/bin/python -m experiments.navigation.ued.worst
+
 # JaxUED's own methods, of a commit that git clones, or of the checkout that JAXUED= names.
 JAXUED ?= .venv-ued/jaxued
 JAXUED_COMMIT := 0f8f1284677375b889e4f13a32c9617cd009f8c4
@@ -365,6 +368,21 @@ ued-jaxued: .venv-ued/.ready
 	test -d $(JAXUED) || git clone --quiet https://github.com/DramaCow/jaxued $(JAXUED)
 	test "$(JAXUED)" != .venv-ued/jaxued || git -C $(JAXUED) checkout --quiet $(JAXUED_COMMIT)
 	.venv-ued/bin/python -m experiments.navigation.ued.jaxued_methods --jaxued $(JAXUED)
+
+# The PCG Benchmark and its generators, of commits that git clones, or of the checkouts that PCG= and
+# PCG_GENERATORS= name.
+PCG ?= .venv/pcg
+PCG_GENERATORS ?= .venv/pcg_generators
+PCG_COMMIT := 00b96f57a3eba3529b1293de1e70d5b12a1f60cc
+PCG_GENERATORS_COMMIT := 2c7ce70274c1a6c44386e9d3dc8e0d4b8dd27486
+
+pcg: $(READY)
+	test -d $(PCG) || git clone --quiet https://github.com/amidos2006/pcg_benchmark $(PCG)
+	test "$(PCG)" != .venv/pcg || git -C $(PCG) checkout --quiet $(PCG_COMMIT)
+	test -d $(PCG_GENERATORS) || git clone --quiet https://github.com/amidos2006/benchmark_experiments $(PCG_GENERATORS)
+	test "$(PCG_GENERATORS)" != .venv/pcg_generators || git -C $(PCG_GENERATORS) checkout --quiet $(PCG_GENERATORS_COMMIT)
+	PYTHONPATH=$(PCG):$(PCG_GENERATORS) $(BIN)/python -m pytest tests/benchmark/test_pcg.py
+	PYTHONPATH=$(PCG):$(PCG_GENERATORS) $(BIN)/python -m experiments.search.pcg
 
 trainers: .venv-sb3/.ready results/trainer-towns
 	.venv-sb3/bin/python -m experiments.navigation.trainers results/trainer-towns

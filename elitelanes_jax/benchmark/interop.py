@@ -44,7 +44,6 @@ VARIANTS = {
     "roads-filled-links-5x5-v0": Variant("5x5A", has_links=True),
     "roads-filled-links-6x6-v0": Variant("6x6A", has_links=True),
     "roads-filled-links-7x7-v0": Variant("7x7A", has_links=True),
-    "roads-5x5-v0": Variant("5x5B"),
     "roads-v0": Variant("7x7B"),
     "roads-filled-v0": Variant("7x7A"),
     "roads-large-v0": Variant("12x12A"),
@@ -124,12 +123,11 @@ class RoadNetworks:
         self.cyclomatic = int(task.cyclomatic.min()), int(task.cyclomatic.max())
 
     def info(self, content: AnyArray) -> _Info:
-        """Measures a network: rows of tile codes or links ``[H, W]``.
+        """Returns what is known of a network: rows of tile codes or links ``[H, W]``.
 
         Raises `InputError` for other numbers than 0 to 15 or 0 to 3, or another shape.
         """
-        codes = self._read(content)
-        metrics = Metrics(**plain_measure(codes))
+        codes = self.read(content)
         cut = cut_to_roads(codes)
         side = max(codes.shape)
         # An image of a network that is not square has its rows and columns swapped. Squares can be
@@ -138,13 +136,15 @@ class RoadNetworks:
         for square, image in zip(images, images_of(cut), strict=True):
             height, width = image.shape
             square[:height, :width] = image
-        return metrics._asdict() | {
-            "flaws": int(count_flaws(metrics, self.fill)),
-            "images": images,
-        }
+        return {**self.measure(codes), "images": images}
 
-    def _read(self, content: AnyArray) -> Int8[np.ndarray, "H W"]:
-        """Returns the tile codes of content."""
+    def measure(self, codes: Int8[np.ndarray, "H W"]) -> dict[str, int]:
+        """Returns the metrics of tile codes ``[H, W]`` by name, and their number of ``flaws``."""
+        metrics = Metrics(**plain_measure(codes))
+        return {**metrics._asdict(), "flaws": int(count_flaws(metrics, self.fill))}
+
+    def read(self, content: AnyArray) -> Int8[np.ndarray, "H W"]:
+        """Returns the tile codes ``[H, W]`` of content; raises `InputError` as `info` does."""
         grid = known_grid(content)
         if grid.shape != self.shape:
             height, width = self.shape
@@ -181,7 +181,7 @@ class RoadNetworks:
         """Draws a network as a `PIL.Image`, with dead ends and mismatches as they are."""
         from PIL import Image
 
-        return Image.fromarray(draw_roads(self._read(content)))
+        return Image.fromarray(draw_roads(self.read(content)))
 
 
 def read_links(links: Int8[np.ndarray, "H W"]) -> Int8[np.ndarray, "H W"]:
