@@ -71,8 +71,8 @@ def run_generator(problem: str, name: str, seed: int) -> Row:
     environment: Untyped = import_module("pcg_benchmark").make(problem)
     # The fitness of these generators is quality alone. Diversity, and the images that it compares, would take most of
     # the time.
-    problem = environment._problem
-    problem.info = lambda content: problem.measure(problem.read(content))
+    roads: Untyped = environment._problem
+    roads.info = lambda content: roads.measure(roads.read(content))
     environment.diversity = lambda infos: (1.0, np.ones(len(infos)), infos)
     environment.seed(seed)
     try:
