@@ -163,7 +163,7 @@ def test_lengths_of_long_roads_add_up(streets):
     for column in reversed(range(24)):
         tiles += [(row, column) for row in (range(1, 24) if column % 2 else range(23, 0, -1))]
     grid = np.zeros((24, 24), int)
-    for tile, others in zip(tiles, zip(tiles[-1:] + tiles[:-1], tiles[1:] + tiles[:1]), strict=True):
+    for tile, others in zip(tiles, zip(tiles[-1:] + tiles[:-1], tiles[1:] + tiles[:1], strict=True), strict=True):
         steps = [(row - tile[0], column - tile[1]) for row, column in others]
         grid[tile] = sum(side.bit for side in codes.SIDES if (side.down, side.right) in steps)
     longest = 0.0
