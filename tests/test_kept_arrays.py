@@ -3,8 +3,13 @@
 JAX on a processor shares the memory of NumPy's arrays at addresses that 64 divides.
 """
 
+import copy
+import pickle
 from collections.abc import Callable
 from functools import partial
+from importlib import import_module
+from inspect import isclass, ismodule
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -12,7 +17,22 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import RoadMap, Weights, load_tiles, random_grids, repair, road_problem
+import elitelanes_jax
+from elitelanes_jax import (
+    DatasetSpec,
+    GenerateSpec,
+    InputError,
+    PickSpec,
+    RoadMap,
+    SearchSpec,
+    Weights,
+    evolve,
+    load_tiles,
+    random_grids,
+    repair,
+    road_problem,
+)
+from elitelanes_jax.benchmark import Submission, Task, find_task
 from elitelanes_jax.drive import (
     Camera,
     LaneDrive,
@@ -31,14 +51,32 @@ from elitelanes_jax.drive import (
 from elitelanes_jax.drive._batch import DISABLED, Batch
 from elitelanes_jax.drive.interop import GymnaxEnv
 from elitelanes_jax.drive.robot import Robot
-from elitelanes_jax.optimizers import MoveWeights, random_move
+from elitelanes_jax.formats import Plan, make_plan
+from elitelanes_jax.maps import FormatOptions, PackSpec
+from elitelanes_jax.optimizers import (
+    AnnealedGwoConfig,
+    AnnealedMapElitesConfig,
+    AnnealedPsoConfig,
+    AnnealingConfig,
+    EvolutionConfig,
+    GwoConfig,
+    Move,
+    MoveWeights,
+    PsoConfig,
+    random_move,
+)
+from elitelanes_jax.photographs import Cut, Photograph, Proposal
+from elitelanes_jax.photographs.lenses import Lens
 from elitelanes_jax.problem import Problem
-from elitelanes_jax.tiles import ObjectSet, TileSet, load_objects
+from elitelanes_jax.search import Result
+from elitelanes_jax.tiles import ObjectSet, Tile, TileSet, load_objects
 
 KEY, SHAPE = jax.random.key(1), (4, 5)
 MAPS = np.asarray(jax.vmap(partial(repair, fill=True))(random_grids(KEY, 4, SHAPE)))
 FIXED = np.eye(*SHAPE, dtype=bool)
 TINY = Camera(rows=4, columns=6)
+STAY = Move(0, lambda bits, grid, mate: grid)
+ROOMS = [f"elitelanes_jax.{file.parent.name}" for file in Path(elitelanes_jax.__file__).parent.glob("*/__init__.pyi")]
 SPACES = SimpleNamespace(Discrete=int, Box=int)
 
 
@@ -54,6 +92,8 @@ def aligned(tree):
     """Copies arrays to addresses that 64 divides."""
 
     def place(array):
+        if not hasattr(array, "dtype"):
+            return array
         array = np.asarray(array)
         memory = np.zeros(array.nbytes + 64, np.uint8)
         start = -memory.ctypes.data % 64
@@ -64,9 +104,18 @@ def aligned(tree):
     return jax.tree.map(place, tree)
 
 
-def zero(tree):
-    for array in jax.tree.leaves(tree):
-        array[...] = 0
+def spoil(tree):
+    """Writes zeros to arrays, and empties lists and dictionaries."""
+    if isinstance(tree, np.ndarray):
+        if tree.flags.writeable:
+            tree[...] = 0
+    elif isinstance(tree, list | tuple | dict):
+        for part in list(tree.values() if isinstance(tree, dict) else tree):
+            spoil(part)
+        if not isinstance(tree, tuple):
+            tree.clear()
+    elif jax.tree.leaves(tree) != [tree]:
+        spoil(jax.tree.leaves(tree))
 
 
 def levels():
@@ -82,7 +131,7 @@ def ride(batch):
     batch.reset(range(4))
     actions = aligned(np.ones(4, np.int32) if batch.environment.actions else np.ones((4, 2), np.float32))
     batch.send(actions)
-    zero(actions)
+    spoil(actions)
     return batch.receive()
 
 
@@ -90,27 +139,62 @@ def replayed(level):
     return auto_replay(RoadNav).reset_to_level(KEY, level, RoadNavParams(levels()))[1]
 
 
-def draw_tiles():
-    return [(tile.image, tile.road, tile.red, tile.yellow) for tile in load_tiles().tiles]
+def draw_tile():
+    tile = load_tiles().tiles[0]
+    layers = {name: np.array(getattr(tile, name)) for name in ("image", "road", "red", "yellow")}
+    return layers | {"opaque": np.ones_like(tile.road), "transparent": {"image": 0.5}}
 
 
-def make_tiles(pictures):
-    drawn = load_tiles()
-    names = ("image", "road", "red", "yellow")
-    tiles = [
-        tile._replace(**dict(zip(names, parts, strict=True))) for tile, parts in zip(drawn.tiles, pictures, strict=True)
-    ]
-    return TileSet("copy", "", tuple(tiles))
-
-
-def draw_objects():
+def draw_object():
     first = load_objects().pictures[0]
     return dict(first.views), first.top
 
 
-def make_object_set(pictures):
+def make_object(pictures):
     first = load_objects().pictures[0]
-    return ObjectSet("copy", (type(first)(first.name, first.kind, 1, (1, 1), None, *pictures),))
+    return type(first)(first.name, first.kind, 1, (1, 1), None, *pictures)
+
+
+def draw_task():
+    return {name: value for name, value in find_task("5x5A-10000")._asdict().items() if hasattr(value, "dtype")}
+
+
+def draw_proposal():
+    numbers = {"corners": [[0.5, 1.5]], "homography": [[1.0]], "codes": [[6, 3]], "sure": [[0.5, 1.0]]}
+    return numbers | {"evidence": {"alike": 1.0}}
+
+
+def draw_result():
+    result = evolve(KEY, SHAPE, method="ea", evaluations=80)
+    return {"elites": result.elites, "history": result.history, "state": result.state}
+
+
+def make_result(arrays):
+    return Result(**arrays, search=evolve(KEY, SHAPE, method="ea", evaluations=80).search)
+
+
+def draw_options():
+    return {
+        "like": [MAPS[0].tolist(), np.array(MAPS[1])],
+        "axes": ["cyclomatic:4", {"metric": "crossings", "bins": 3}],
+        "where": ["crossings=1..3"],
+        "weights": {"crossings": 3},
+        "fix": [[None] * 5] * 3 + [[0] * 5],
+        "inventory": {"turn": 8},
+        "alphabet": [0, 6, 3, 12, 9],
+        "features": ["mine"],
+        "initial": [np.array(MAPS[2])],
+    }
+
+
+def draw_map():
+    names = [["turn_1"] * SHAPE[1] for _ in range(SHAPE[0])]
+    drawn = {"tile_set": "own", "tiles": names, "quarter_turns": np.zeros(SHAPE, int).tolist()}
+    return {"codes": MAPS[0], "metrics": {"crossings": 1}, "descriptor": {"turns": 2}, "drawn": drawn} | {
+        "niche": [1, 2],
+        "seed": [3, 4],
+        "unsure": [[0, 1]],
+    }
 
 
 def draw_road():
@@ -124,8 +208,31 @@ def make_road(arrays):
     return road_problem(SHAPE, initial=initial, limits=limits, **options)
 
 
-def record(kind, **numbers):
-    return Case(lambda: numbers, lambda arrays: kind(**arrays), lambda made: [getattr(made, name) for name in numbers])
+def numbers_of(kind):
+    """Arrays of two numbers for each field that takes an array."""
+    return {
+        name: np.array([default, default])
+        for name, default in kind().values().items()
+        if isinstance(default, int | float) and is_traced(kind, name, default)
+    }
+
+
+def is_traced(kind, name, default):
+    try:
+        kind(**{name: np.array([default, default])})
+    except InputError:
+        return False
+    return True
+
+
+def record(kind, draw):
+    """The fields that are drawn by name, as the made thing has them."""
+    return Case(draw, lambda fields: kind(**fields), lambda made: [getattr(made, name) for name in draw()])
+
+
+def options(kind, draw):
+    """Options, which the made thing has as plain values of another form."""
+    return Case(draw, lambda fields: kind(**fields), lambda made: repr([getattr(made, name) for name in draw()]))
 
 
 CASES = {
@@ -140,23 +247,46 @@ CASES = {
         lambda sight: LaneDriveParams(levels(), sight=sight),
         lambda params: params.sight,
     ),
-    "RoadMap": Case(lambda: MAPS[0], RoadMap, lambda road_map: road_map.codes),
-    "TileSet": Case(draw_tiles, make_tiles, lambda tiles: [tile[2:6] for tile in tiles.tiles]),
-    "ObjectSet": Case(
-        draw_objects, make_object_set, lambda objects: (objects.pictures[0].views, objects.pictures[0].top)
+    "RoadMap": record(RoadMap, draw_map),
+    "Plan": record(Plan, lambda: make_plan(MAPS[0])._asdict()),
+    "Tile": record(partial(Tile, "turn_1", 6), draw_tile),
+    "TileSet": record(partial(TileSet, "own", ""), lambda: {"tiles": list(load_tiles().tiles)}),
+    "ObjectSet": record(partial(ObjectSet, "own"), lambda: {"pictures": list(load_objects().pictures)}),
+    "ObjectPictures": Case(draw_object, make_object, lambda made: (made.views, made.top)),
+    "Photograph": record(partial(Photograph, "floor.jpg"), lambda: {"image": np.array(load_tiles().tiles[0].image)}),
+    "Lens": record(
+        partial(Lens, fisheye=False, width=4, height=3), lambda: {"matrix": np.eye(3), "distortion": np.ones(4)}
     ),
-    "Problem": Case(
-        lambda: {"initial": MAPS, "fixed": FIXED},
-        lambda arrays: Problem(SHAPE, lambda grids: grids, **arrays),
-        lambda problem: (problem.initial, problem.fixed),
+    "Cut": record(
+        partial(Cut, "turn_1", 6, photo="floor.jpg", row=0, column=0),
+        lambda: {"image": np.array(load_tiles().tiles[0].image)},
     ),
-    "LaneDriveParams": record(lambda **more: LaneDriveParams(levels(), **more), limit=np.int32([40, 50])),
-    "Robot": record(Robot, noise=np.float32([0.1, 0.2])),
-    "Camera": record(Camera, height=np.float32([0.1, 0.2]), ground=np.float32([[1, 2, 3]])),
-    "Variation": record(Variation, offset=np.float32([0.1, 0.2])),
-    "MoveWeights": record(MoveWeights, link=np.int32([3, 4])),
+    "Proposal": record(partial(Proposal, photo="", width=4, height=3, radial=0.0, score=1.0, advice=""), draw_proposal),
+    "Task": record(partial(Task, name="own", shape=(5, 5), fill=True, evaluations=10_000), draw_task),
+    "Submission": record(partial(Submission, find_task("5x5A-10000")), lambda: {"grids": MAPS[None, None]}),
+    "Problem": record(partial(Problem, SHAPE, lambda grids: grids), lambda: {"initial": MAPS, "fixed": FIXED}),
+    "LaneDriveParams": record(lambda **more: LaneDriveParams(levels(), **more), lambda: {"limit": np.int32([40, 50])}),
+    "RoadNavParams": record(lambda **more: RoadNavParams(levels(), **more), lambda: {"limit": np.int32([40, 50])}),
+    "Robot": record(Robot, lambda: {"noise": np.float32([0.1, 0.2])}),
+    "Camera": record(Camera, lambda: {"height": np.float32([0.1, 0.2]), "ground": np.float32([[1, 2, 3]])}),
+    "Variation": record(Variation, lambda: {"offset": np.float32([0.1, 0.2])}),
+    "MoveWeights": record(MoveWeights, lambda: {"link": np.int32([3, 4]), "user_moves": {"none": (1, STAY)}}),
+    "SearchSpec": Case(draw_options, lambda options: SearchSpec(**options), lambda spec: repr(spec)),
+    "GenerateSpec": options(GenerateSpec, lambda: {"size": [4, 5], "part": [1, 2], "furnish": {"trees": 0.5}}),
+    "PickSpec": options(
+        PickSpec, lambda: {"where": ["crossings=1..3"], "axes": ["turns:3"], "unlike": [MAPS[0].tolist()]}
+    ),
+    "DatasetSpec": options(DatasetSpec, lambda: {"size": [[4, 5]], "split": [0.5, 0.5, 0.0], "part": [1, 2]}),
+    "PackSpec": options(PackSpec, lambda: {"to": ["sumo"], "split": [0.5, 0.5, 0.0]}),
+    "FormatOptions": options(FormatOptions, lambda: {"origin": [50.0, 8.0]}),
+    **{
+        kind.__name__: record(kind, partial(numbers_of, kind))
+        for kind in (AnnealedGwoConfig, AnnealedMapElitesConfig, AnnealedPsoConfig, AnnealingConfig, EvolutionConfig)
+    },
+    **{kind.__name__: record(kind, partial(numbers_of, kind)) for kind in (GwoConfig, PsoConfig)},
 }
 SLOW = {
+    "Result": Case(draw_result, make_result, lambda result: (result.elites, result.history, result.state)),
     "road_problem": Case(draw_road, make_road, lambda problem: (problem.initial, problem.evaluate(MAPS))),
     "random_move": Case(
         lambda: FIXED,
@@ -173,6 +303,59 @@ SLOW = {
     ),
 }
 
+KEPT_BY = {
+    "Level": ("LaneDrive", "RoadNav", "GymnaxEnv", "auto_replay"),
+    "Objects": ("LaneDrive",),
+    "Sight": ("sight",),
+    "Weights": ("road_problem",),
+    "MeasuredElites": ("Result",),
+    "History": ("Result",),
+    "Metrics": ("Result",),
+}
+"""Pytrees of compiled programs, and the cases of what keeps them. A pytree itself is no more than a tuple."""
+
+RESULTS = {
+    *("Picture", "Measured", "Scores", "Views", "Transition", "LaneDriveObservation", "Info"),
+    *("Pose", "LaneNode", "Evaluation", "Population"),
+}
+"""What functions return with new arrays. Functions that take one have used it when they return."""
+
+VALUES = {
+    *("Axis", "MapObject", "Move", "Environment", "Optimizer", "Search", "MapElitesConfig"),
+    *("InputError", "NotEnoughMapsError", "SearchInterrupted"),
+}
+"""What has numbers, texts, functions, tuples of these, and other public records."""
+
+
+def public_classes():
+    """Returns the public classes of all rooms, also those of modules that a room lists."""
+    classes, seen = set(), set()
+
+    def walk(module):
+        seen.add(module)
+        for name in getattr(module, "__all__", ()):
+            thing = getattr(module, name)
+            if isclass(thing):
+                classes.add(thing)
+            elif ismodule(thing) and thing not in seen:
+                walk(thing)
+
+    walk(elitelanes_jax)
+    for room in ROOMS:
+        walk(import_module(room))
+    return classes
+
+
+def test_every_public_class_has_a_case():
+    """A new public class copies what it keeps, or a line above says who does."""
+    tables = [set(CASES) | set(SLOW), set(KEPT_BY), RESULTS, VALUES]
+    names = {kind.__name__ for kind in public_classes()}
+    assert names - set().union(*tables) == set()
+    assert sum(len(table & names) for table in tables) == len(names)
+    assert set().union(*KEPT_BY.values()) <= set(CASES) | set(SLOW)
+    # Every room was walked.
+    assert {"Tile", "Photograph", "Submission", "Level", "GymnaxEnv", "RoadMap", "Result"} <= names
+
 
 @pytest.mark.parametrize("name", [*CASES, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_writing_to_an_array_later_changes_nothing(name):
@@ -181,5 +364,38 @@ def test_writing_to_an_array_later_changes_nothing(name):
     expected = jax.tree.map(np.array, case.look(case.make(aligned(arrays))))
     given = aligned(arrays)
     made = case.make(given)
-    zero(given)
+    spoil(given)
     jax.tree.map(np.testing.assert_array_equal, jax.tree.map(np.array, case.look(made)), expected)
+
+
+NAMED_TUPLES = ("Plan", "Tile", "Photograph", "Lens", "Cut", "Proposal", "Task", "Submission")
+
+
+@pytest.mark.parametrize("name", NAMED_TUPLES)
+def test_a_named_tuple_with_copies_is_a_named_tuple(name):
+    case = CASES[name]
+    made = case.make(aligned(case.draw()))
+    first, *others = made
+    assert (first, *others) == tuple(made) and made._asdict() == dict(zip(made._fields, made, strict=True))
+    assert repr(made).startswith(f"{name}({made._fields[0]}=")
+    for other in (
+        made._replace(**case.draw()),
+        type(made)._make(made),
+        pickle.loads(pickle.dumps(made)),
+        copy.deepcopy(made),
+        jax.tree.map(lambda part: part, made),
+    ):
+        assert type(other) is type(made)
+        jax.tree.map(np.testing.assert_array_equal, case.look(other), case.look(made))
+        for part in case.look(other):
+            assert not isinstance(part, np.ndarray) or not part.flags.writeable
+    with pytest.raises(TypeError, match="missing"):
+        type(made)()
+
+
+def test_a_copy_is_not_copied_again():
+    photograph = Photograph("floor.jpg", np.zeros((300, 400, 3), np.uint8))
+    for other in (photograph._replace(name="other.jpg"), copy.copy(photograph), Photograph(*photograph)):
+        assert other.image is photograph.image
+    tiles = load_tiles().tiles
+    assert all(tile.image is given.image for tile, given in zip(TileSet("own", "", tiles).tiles, tiles, strict=True))

@@ -79,19 +79,6 @@ def unmasked(value: UserValue) -> UserValue:
     return value
 
 
-def frozen_copy(value: UserValue) -> UserValue:
-    """Returns an array of NumPy as a copy that cannot be written to; anything else unchanged.
-
-    Arrays that are kept after a call are copied, because the caller may write to them later. An
-    array that this function returned is not copied again.
-    """
-    if not isinstance(value, np.ndarray) or (value.base is None and not value.flags.writeable):
-        return value
-    copy = np.array(value)
-    copy.flags.writeable = False
-    return copy
-
-
 def whole(least: int, most: int = _LARGEST_INT32) -> Check[int]:
     """Makes a check for a whole number from `least` to `most`."""
 

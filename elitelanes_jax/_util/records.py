@@ -21,11 +21,11 @@ import numpy as np
 from elitelanes_jax._util.checks import (
     Check,
     check_named,
-    frozen_copy,
     instance,
     is_whole,
     path_exists,
 )
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.types import Numeric, Untyped, UserValue
 

@@ -12,6 +12,7 @@ from jaxtyping import Int8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, file_named, instance, unmasked
+from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import read_npz
@@ -26,6 +27,7 @@ LEAST_RUNS = 10
 _MOST_BYTES = 2**29 - 2**12
 
 
+@keeps_copies
 class Submission(NamedTuple):
     """The archives of R runs on a task, after each of the T budgets up to the task's own.
 
@@ -33,7 +35,7 @@ class Submission(NamedTuple):
       task: the task of the runs.
       grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant slot
         is all zeros. Grids that are not flawless, or have an empty cell although the task fills
-        every cell, do not count.
+        every cell, do not count. The grids are copied, and the copy is read-only.
     """
 
     task: Task

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 
@@ -27,6 +28,7 @@ SIZES = (
 """Height, width and variant: in A every cell is filled, in B cells may be empty."""
 
 
+@keeps_copies
 class Task(NamedTuple):
     """A task: for each cyclomatic number, find the flawless network of lowest fitness.
 

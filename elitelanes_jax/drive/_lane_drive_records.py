@@ -6,7 +6,8 @@ from typing import NamedTuple, TypeAlias
 import jax
 from jaxtyping import Array, Bool, Float, Int8, Int32, UInt8
 
-from elitelanes_jax._util.checks import frozen_copy, is_real, one_of, real, whole
+from elitelanes_jax._util.checks import is_real, one_of, real, whole
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import REQUIRED, Record, nested, option, static, traced
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, clip_to_int32, frozen_copy, whole
+from elitelanes_jax._util.checks import check_named, clip_to_int32, whole
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue

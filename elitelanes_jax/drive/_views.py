@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int32, Key, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import SEED, check_named, frozen_copy, instance, whole
+from elitelanes_jax._util.checks import SEED, check_named, instance, whole
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._scenes import Scenes

@@ -22,7 +22,8 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import SEED, check_named, frozen_copy, instance, real, whole
+from elitelanes_jax._util.checks import SEED, check_named, instance, real, whole
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax

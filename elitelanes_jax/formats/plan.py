@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
@@ -48,6 +49,7 @@ class PlacedTile(NamedTuple):
     quarter_turns: int
 
 
+@keeps_copies
 class Plan(NamedTuple):
     """What it takes to build a map.
 

@@ -15,12 +15,12 @@ from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import (
     check_named,
     file_named,
-    frozen_copy,
     is_folder,
     is_real,
     is_whole,
     path,
 )
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
 from elitelanes_jax._util.progress import announce_at_end

@@ -21,13 +21,13 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import (
     LARGEST,
     check_named,
-    frozen_copy,
     function_of,
     none_or,
     one_of,
     real,
     whole,
 )
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.records import Record, number_or_array, option, traced
 from elitelanes_jax._util.running import runs_jax

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, check_unique, path
+from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.network.checks import check_grid
@@ -38,8 +39,9 @@ _LEAST_COMPARED = 100
 _COPY = 0.2
 
 
+@keeps_copies
 class Cut(NamedTuple):
-    """A tile cut out of a photograph.
+    """A tile cut out of a photograph. It has a read-only copy of its image.
 
     Attributes:
       name: the name of its folder in a tile set, ``<kind>_<number>``.

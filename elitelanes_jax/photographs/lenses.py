@@ -15,6 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, is_real, path
+from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError, brief, list_some, reason
 from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import UserValue
@@ -34,6 +35,7 @@ _LONGEST_SIDE = 1e5
 _MOST_NAMED = 6
 
 
+@keeps_copies
 class Lens(NamedTuple):
     """A calibrated camera.
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, floor_shape, instance
+from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.photographs._borders import contrasts
@@ -46,6 +47,7 @@ _SURELY = 0.1
 _FEW = 0.25
 
 
+@keeps_copies
 class Proposal(NamedTuple):
     """Where the tiles in a photograph are.
 

@@ -8,14 +8,16 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.photographs._picture_files import read_picture
 from elitelanes_jax.photographs._upright import UPRIGHT, Turn
 from elitelanes_jax.photographs.lenses import Lens, read_lens
 
 
+@keeps_copies
 class Photograph(NamedTuple):
-    """A photograph.
+    """A photograph. It has a read-only copy of its image.
 
     Attributes:
       name: the name of its file with its folder, for messages.
@@ -59,7 +61,10 @@ class Photograph(NamedTuple):
                 raise error.within(file) from None
             sensor = lens.straighten_image(sensor)
         turn = Turn.of_exif(exif)
-        return Photograph(str(file), turn.picture(sensor), shrunk, lens, turn)
+        image = turn.picture(sensor)
+        # An array that is new and read-only is not copied.
+        image.flags.writeable = False
+        return Photograph(str(file), image, shrunk, lens, turn)
 
     def pixels_of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns where pixels ``[N, 2]`` of the file's picture, seen upright, are in `image`."""

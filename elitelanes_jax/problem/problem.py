@@ -16,12 +16,12 @@ from elitelanes_jax._util.checks import (
     check_named,
     check_unique,
     flag,
-    frozen_copy,
     function,
     function_of,
     listed,
     none_or,
 )
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue

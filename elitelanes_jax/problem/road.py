@@ -20,10 +20,10 @@ from elitelanes_jax._util.checks import (
     check_named,
     check_unique,
     flag,
-    frozen_copy,
     instance,
     listed,
 )
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, UserValue

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Int8
 
 from elitelanes_jax._util.checks import SEED, check_named, file_named, none_or, whole
 from elitelanes_jax._util.checks import path as checked_path
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import pluralize, warn_user
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -55,6 +56,11 @@ class Result:
     search: Search = field(metadata={"static": True})
     config: Config | None = field(default=None, metadata={"static": True})
     functions: tuple[tuple[str, str], ...] = field(default=(), metadata={"static": True})
+
+    def __post_init__(self) -> None:
+        """Copies arrays of NumPy, see `frozen_copy`."""
+        for name in ("elites", "history", "state"):
+            object.__setattr__(self, name, jax.tree.map(frozen_copy, getattr(self, name)))
 
     @property
     def seeds(self) -> int:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, read_bytes
 from elitelanes_jax._util.types import UserValue
@@ -32,8 +33,9 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _PIXEL_PARTS = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
 
 
+@keeps_copies
 class Tile(NamedTuple):
-    """One elementary tile.
+    """One elementary tile. It has read-only copies of its arrays.
 
     Attributes:
       name: the name of its folder, ``<kind>_<n>``.

@@ -31,13 +31,14 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import (
     check_named,
-    frozen_copy,
     is_folder,
     is_real,
+    listed,
     path,
     path_exists,
     whole,
 )
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain, UserValue
@@ -111,6 +112,11 @@ class ObjectSet:
 
     name: str
     pictures: tuple[ObjectPictures, ...]
+
+    def __post_init__(self) -> None:
+        """Checks that the pictures are those of objects."""
+        pictures = check_named("pictures", listed(ObjectPictures), self.pictures)
+        object.__setattr__(self, "pictures", tuple(pictures))
 
     @cached_property
     def kinds(self) -> dict[str, tuple[ObjectPictures, ...]]:

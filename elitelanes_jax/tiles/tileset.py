@@ -30,7 +30,6 @@ import numpy as np
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import (
     check_named,
-    frozen_copy,
     is_folder,
     is_real,
     listed,
@@ -123,10 +122,9 @@ class TileSet:
     lane_offset_spread: float | None = None
 
     def __post_init__(self) -> None:
-        """Copies the pictures and masks, see `frozen_copy`."""
-        listed_tiles = check_named("tiles", listed(Tile), self.tiles)
-        tiles = tuple(Tile._make(map(frozen_copy, tile)) for tile in listed_tiles)
-        object.__setattr__(self, "tiles", tiles)
+        """Checks that the tiles are tiles, whose arrays nobody can change."""
+        tiles = check_named("tiles", listed(Tile), self.tiles)
+        object.__setattr__(self, "tiles", tuple(tiles))
 
     @cached_property
     def pictures(self) -> tuple[Tile, ...]:
