@@ -337,10 +337,11 @@ class Batch:
         if len(levels) != self.envs:
             expected = f"the index of a level, or {self.envs} of them"
             raise InputError("level", expected, shorten(repr(levels)))
-        check_index = whole(0, len(self.params.levels.grid) - 1)
-        indices = [
-            -1 if level is None else check_named("level", check_index, level) for level in levels
-        ]
+        last = len(self.params.levels.grid) - 1
+        for level in levels:
+            if level is not None and not (is_whole(level) and 0 <= level <= last):
+                raise InputError("level", f"a whole number, 0 to {last}", shorten(repr(level), 40))
+        indices = [-1 if level is None else int(level) for level in levels]
         return np.resize(np.array(indices, np.int32), self._rows)
 
     def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:

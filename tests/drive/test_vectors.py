@@ -302,7 +302,22 @@ def test_what_would_change_nothing_is_refused(libraries):
     for call, message in (
         (lambda: alone.reset(options={"levl": 3}), "levl: expected one of level, got 'levl'"),
         (lambda: alone.reset(options={"reset_mask": 3}), "reset_mask: expected one of level, got 'reset_mask'"),
-        (lambda: alone.reset(options={"level": "3x"}), "level: expected a whole number, 0 to 15, got '3x'"),
+        *(
+            (
+                lambda reset=reset, level=level: reset({"level": level}),
+                f"level: expected a whole number, 0 to 15, got {level!r}$",
+            )
+            for reset in (
+                lambda options: alone.reset(options=options),
+                lambda options: vector.reset(options=options),
+                sb3_reset,
+            )
+            for level in ("3x", "3", True, 3.0, 16)
+        ),
+        (
+            lambda: vector.reset(options={"level": ["3", None, None, 1]}),
+            "level: expected a whole number, 0 to 15, got '3'$",
+        ),
         (lambda: vector.reset(options={"seed": 3}), "seed: expected one of level, reset_mask, got 'seed'"),
         (lambda: vector.reset(options={"level": [1]}), "level: expected the index of a level, or 4 of them"),
         (lambda: sb3_reset({"levels": 3}), "levels: expected one of level, got 'levels'"),
