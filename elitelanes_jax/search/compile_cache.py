@@ -31,6 +31,9 @@ _NAME = "elitelanes_"
 # The limit of all our files together, in bytes. The least recently used files are removed.
 _MOST_BYTES = 2**28
 
+# The magic number of a frame of Zstandard, and the kind of a block that is one repeated byte.
+_ZSTANDARD, _REPEATED_BYTE = b"\x28\xb5\x2f\xfd", 1
+
 # The rooms whose sources make the programs.
 _ROOMS = ("_util", "network", "problem", "optimizers", "search")
 
@@ -108,16 +111,39 @@ def _remove_cut_off(folder: Path) -> None:
 
 def _is_cut_off(content: bytes) -> bool:
     """Returns whether the end of a compressed program is missing."""
-    # JAX compresses with zstandard if that is installed. Its programs have this magic number, and
-    # are checked by JAX alone.
-    if content[:4] == b"\x28\xb5\x2f\xfd":
-        return False
+    # JAX compresses with zstandard if that is installed.
+    if content.startswith(_ZSTANDARD):
+        return _is_cut_off_zstandard(content)
     unzip = zlib.decompressobj()
     try:
         unzip.decompress(content)
     except zlib.error:
         return True
     return not unzip.eof
+
+
+def _is_cut_off_zstandard(content: bytes) -> bool:
+    """Returns whether the end of a frame of Zstandard is missing.
+
+    Only the sizes of its blocks are read, because zstandard may not be installed (RFC 8878, section
+    3.1.1).
+    """
+    flags = content[4] if len(content) > 4 else 0
+    has_checksum, is_single_segment = bool(flags & 4), bool(flags & 32)
+    dictionary_bytes = (0, 1, 2, 4)[flags & 3]
+    size_bytes = (int(is_single_segment), 2, 4, 8)[flags >> 6]
+    # A frame of several segments also has a byte with the size of its window.
+    start = 5 + (not is_single_segment) + dictionary_bytes + size_bytes
+    is_last = False
+    while not is_last:
+        # A block follows three bytes with a flag, its kind and its size. The bytes of a missing
+        # header are 0, so that the next block starts after the end.
+        header = int.from_bytes(content[start : start + 3], "little")
+        is_last, kind, size = bool(header & 1), header >> 1 & 3, header >> 3
+        start += 3 + (1 if kind == _REPEATED_BYTE else size)
+        if start > len(content):
+            return True
+    return start + 4 * has_checksum > len(content)
 
 
 def find_folder() -> Path | None:

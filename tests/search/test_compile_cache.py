@@ -358,13 +358,41 @@ def test_files_used_least_recently_are_removed(tmp_path, monkeypatch):
     assert [file.exists() for file in files] == [True, False, False, False]
 
 
+# By zstandard: "road " 30 times, then "stop line lane separator " 4 times, in a compressed block.
+COMPRESSED = "28b52ffd20fa3d0100e8726f61642073746f70206c696e65206c616e6520736570617261746f720200244f7438409537"
+
+
+def frame(*blocks, window=False, checksum=False):
+    """Bytes of Zstandard (RFC 8878) whose blocks are (kind, size in the header, bytes)."""
+    head = b"\x28\xb5\x2f\xfd" + (bytes([4 * checksum, 88]) if window else bytes([32 + 4 * checksum, 9]))
+    for index, (kind, size, content) in enumerate(blocks):
+        is_last = index == len(blocks) - 1
+        head += (is_last | kind << 1 | size << 3).to_bytes(3, "little") + content
+    return head + bytes(4 * checksum)
+
+
+@pytest.mark.parametrize(
+    "whole",
+    [
+        bytes.fromhex(COMPRESSED),
+        frame((0, 5, b"roads")),
+        frame((1, 900, b"r"), (0, 5, b"roads"), window=True),
+        frame((0, 0, b""), checksum=True),
+        frame((0, 300, bytes(300)), (1, 7, b"r"), window=True, checksum=True),
+    ],
+)
+def test_a_program_by_zstandard_is_cut_off_at_every_byte_but_the_last(whole):
+    assert not compile_cache._is_cut_off(whole)
+    assert all(compile_cache._is_cut_off(whole[:end]) for end in range(len(whole)))
+
+
 def test_programs_of_jax_that_were_cut_off_are_removed(folder):
     """JAX would warn of such a program in each process, and compile it again each time."""
     assert use_compile_cache() == folder.parent
-    whole = zlib.compress(random.Random(0).randbytes(900))
-    # As JAX with zstandard writes them, which only JAX can read.
-    files = {"jit_zstandard-0-cache": b"\x28\xb5\x2f\xfd" + whole, "jit_whole-1-cache": whole, "notes": b"mine"}
+    whole, by_zstandard = zlib.compress(random.Random(0).randbytes(900)), bytes.fromhex(COMPRESSED)
+    files = {"jit_zstandard-0-cache": by_zstandard, "jit_whole-1-cache": whole, "notes": b"mine"}
     cut_off = {"jit_half-2-cache": whole[:400], "jit_all_but_one-3-cache": whole[:-1], "jit_none-4-cache": b""}
+    cut_off |= {"jit_zstandard-5-cache": by_zstandard[:-1]}
     for name, content in (files | cut_off | {"jit_other-5-cache": b"{}"}).items():
         (folder.parent / name).write_bytes(content)
     assert use_compile_cache() == folder.parent
