@@ -111,7 +111,7 @@ def test_replaced_fields_are_named():
     for made, wrong, message in (
         (GenerateSpec(), {"mpas": 3}, "mpas: expected one of size, maps, .*; is it maps?"),
         (GwoConfig(), {"wolfs": 3}, "wolfs: expected one of wolves, .*; is it wolves?"),
-        (SearchSpec(), {"generations": 3, "evaluations": 9}, "generations: expected it or evaluations, got both, 3"),
+        (SearchSpec(), {"generations": 3, "evaluations": 9}, "generations: expected none with evaluations=9, got 3$"),
         (DatasetSpec(), {"views": 0}, "views: expected a whole number, 1 or more"),
     ):
         with pytest.raises(InputError, match=f"^{message}"):

@@ -215,7 +215,7 @@ WRONG = {
     "map: expected one map, got 2": lambda: export([GRID, GRID], "dt-maps"),
     "to: expected one of duckietown, dt-maps, duckiematrix, sumo, opendrive": lambda: export(GRID, "csv"),
     "options: expected FormatOptions, got {'cells': 8}": lambda: export(GRID, "movingai", {"cells": 8}),
-    "cells: expected it with movingai alone, got it with usd": lambda: export(GRID, "usd", FormatOptions(cells=8)),
+    "cells: expected none with usd, got 8; this": lambda: export(GRID, "usd", FormatOptions(cells=8)),
     "tile_size: expected more than two lanes, 6.4 m, got 6 m": lambda: export(GRID, "sumo", FormatOptions(tile_size=6)),
     "name: expected a name, got 3": lambda: export(GRID, "sumo", name=3),
     "to: expected one of duckietown, dt-maps, duckiematrix, sumo": lambda: PackSpec(to=3),

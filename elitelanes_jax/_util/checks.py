@@ -29,10 +29,10 @@ LARGEST = 2**30
 
 # The suffixes of files, which the name of a folder hardly has.
 _FILES = (
-    ".bin", ".csv", ".gif", ".glb", ".gltf", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log",
-    ".map", ".md", ".mjcf", ".netccfg", ".npy", ".npz", ".osm", ".pdf", ".pkl", ".png", ".py",
-    ".scen", ".svg", ".tar", ".toml", ".txt", ".usd", ".usda", ".xml", ".xodr", ".yaml", ".yml",
-    ".zip",
+    ".avi", ".bin", ".bmp", ".csv", ".doc", ".gif", ".glb", ".gltf", ".gz", ".html", ".jpeg",
+    ".jpg", ".json", ".log", ".map", ".md", ".mjcf", ".mp4", ".netccfg", ".npy", ".npz", ".osm",
+    ".parquet", ".pdf", ".pkl", ".png", ".py", ".scen", ".svg", ".tar", ".tif", ".tiff", ".toml",
+    ".txt", ".usd", ".usda", ".webp", ".xml", ".xodr", ".yaml", ".yml", ".zip",
 )  # fmt: skip
 
 _LARGEST_INT32 = 2**31 - 1
@@ -87,12 +87,13 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check[int]:
         # NumPy's numbers become Python's, so that JSON can hold them.
         if is_whole(number) and least <= number <= most:
             return int(number)
-        limits = f"{least} to {most}"
-        is_too_large = is_whole(number) and number > most
-        # Nobody needs to know the largest int32, unless the number is larger.
-        if most == _LARGEST_INT32 and not is_too_large:
-            limits = f"{least} or more"
-        raise InputError("", f"a whole number, {limits}", shorten(repr(value), 40))
+        limits = f", {least} to {most}"
+        has_least = least > -_LARGEST_INT32
+        is_outside = is_whole(number) and (number > most or (number < least and not has_least))
+        # Nobody needs to know the limits of int32, unless the number is outside of them.
+        if most == _LARGEST_INT32 and not is_outside:
+            limits = f", {least} or more" if has_least else ""
+        raise InputError("", f"a whole number{limits}", shorten(repr(value), 40))
 
     return check
 

@@ -165,6 +165,22 @@ def show_words(value: UserValue, limit: int = 80) -> str:
     return shorten(" ".join(value) if is_words else repr(value), limit)
 
 
+def yaml_fault(error: Exception) -> str:
+    """Returns where a YAML text has a fault, and which one, from an error of PyYAML."""
+    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+    if mark is None or not problem:
+        # PyYAML calls a text that is no file by this name.
+        words = " ".join(str(error).split()).replace(
+            ' in "<unicode string>", position', " at position"
+        )
+        return shorten(words, 200)
+    start, context = getattr(error, "context_mark", None), getattr(error, "context", None)
+    fault = f"a fault at line {mark.line + 1}, column {mark.column + 1}"
+    if context and start is not None and (start.line, start.column) != (mark.line, mark.column):
+        fault += f", {context} from line {start.line + 1}, column {start.column + 1}"
+    return shorten(f"{fault}: {problem}", 200)
+
+
 def brief(value: UserValue, limit: int = 80) -> str:
     """Returns a value of a file as a message shows it: the text of `repr`, shortened."""
     # YAML's aliases may unfold to a text longer than the memory. `reprlib` reads only the first

@@ -55,7 +55,7 @@ def parse_words(
             record = presets[word]
         elif word in flags:
             record = record.replace(**{flags[word]: True})
-        elif equals and name in numbers:
+        elif equals and number and name in numbers:
             record = record.replace(**{name: number})
         else:
             settings = [f"{known}=..." for known in numbers]

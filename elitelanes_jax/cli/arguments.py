@@ -262,11 +262,15 @@ def _with_flags(error: InputError, flags: Mapping[str, str]) -> InputError:
     """Returns the error with options instead of fields.
 
     The subject is a field, and perhaps a part of it: "where crossings". What was expected and the
-    hint may name other fields as Python writes them: "none with method='ea'".
+    hint may name other fields as Python writes them: "none with method='ea'", or without quotes.
     """
 
     def name_setting(match: re.Match[str]) -> str:
-        return f"{flags.get(match[1], match[1])} {match[2]}"
+        name, quote, value = match.groups()
+        # Without quotes, another name may be that of a feature, such as trees=1.
+        if not quote and name not in flags:
+            return match[0]
+        return f"{flags.get(name, name)} {value}"
 
     # A file may begin with the name of a field: size.json.
     field = re.match(r"\w+(?=[: ]|$)", error.subject)
@@ -274,7 +278,8 @@ def _with_flags(error: InputError, flags: Mapping[str, str]) -> InputError:
     if field is not None and field[0] in flags:
         subject = flags[field[0]] + subject[field.end() :]
     expected, hint = (
-        re.sub(r"\b(\w+)='(\w+)'", name_setting, words) for words in (error.expected, error.hint)
+        re.sub(r"\b(\w+)=('?)(\w+)\2", name_setting, words)
+        for words in (error.expected, error.hint)
     )
     return error.replace(subject=subject, expected=expected, hint=hint)
 

@@ -126,7 +126,8 @@ def _size_for_floor(options: argparse.Namespace) -> tuple[int, int]:
 
     # argparse stores only options that were given, so this attribute means --size.
     if hasattr(options, "size"):
-        raise InputError("--floor", "it without --size", "both")
+        floor = " ".join(f"{side:g}" for side in options.floor)
+        raise InputError("--floor", "none with --size", floor)
     try:
         return floor_size(*options.floor)
     except InputError as error:

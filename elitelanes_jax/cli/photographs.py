@@ -330,9 +330,8 @@ def for_each(option: str, values: Sequence[_T], files: Sequence[Path]) -> Sequen
     if len(values) == 1:
         return [*values] * len(files)
     if len(values) != len(files):
-        raise InputError(
-            option,
-            f"the option once, or once for each of {pluralize(len(files), 'photograph')}",
-            f"it {len(values)} times",
-        )
+        expected = "the option once"
+        if len(files) > 1:
+            expected += f", or once for each of {len(files)} photographs"
+        raise InputError(option, expected, f"it {len(values)} times")
     return values

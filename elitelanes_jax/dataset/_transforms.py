@@ -11,9 +11,13 @@ from elitelanes_jax._util.words import parse_words
 
 
 def range_ends(value: UserValue) -> Sequence[UserValue]:
-    """Returns the ends of a range: of a text such as ``8..14``, of a pair, or of a single value."""
+    """Returns the ends of a range: of a text such as ``8..14``, of a pair, or of a single value.
+
+    A text that lacks an end has none.
+    """
     if isinstance(value, str):
-        return value.split("..")
+        ends = value.split("..")
+        return ends if all(ends) else []
     if isinstance(value, Sequence):
         return value
     return [value]

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 import yaml
 
-from elitelanes_jax._util.errors import InputError, brief, shorten
+from elitelanes_jax._util.errors import InputError, brief, shorten, yaml_fault
 from elitelanes_jax._util.types import Plain
 
 _DEEPEST = 64
@@ -50,7 +50,7 @@ def yaml_tree(text: str) -> Plain:
         # first.
         if "maximum nesting depth" in str(error):
             raise _too_deep() from None
-        raise InputError("", "readable YAML", shorten(" ".join(str(error).split()), 200)) from None
+        raise InputError("", "readable YAML", yaml_fault(error)) from None
 
 
 def _build(events: Iterable[yaml.Event]) -> Plain:

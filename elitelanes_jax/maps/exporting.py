@@ -15,6 +15,7 @@ from elitelanes_jax._util.checks import (
     check_named,
     coordinates,
     instance,
+    is_real,
     nonblank,
     none_or,
     one_of,
@@ -332,8 +333,14 @@ class FormatOptions(Record):
             able = [to for to, known in FORMATS.items() if setting in known.takes]
             # It is enough if one of the formats takes the setting.
             if not set(able) & set(names):
-                got = f"it with {', '.join(names) or 'none'}"
-                raise InputError(setting, f"it with {', '.join(able)} alone", got)
+                with_them = f"with {', '.join(names)}" if names else "without a format"
+                value = getattr(self, setting)
+                numbers = value if isinstance(value, tuple) else (value,)
+                got = " ".join(
+                    f"{number:g}" if is_real(number) else str(number) for number in numbers
+                )
+                hint = f"this setting is for {', '.join(able)}"
+                raise InputError(setting, f"none {with_them}", got, hint)
 
 
 @name_wrong_arguments

@@ -4,6 +4,7 @@
 of Kalibr, and ROS's messages CameraInfo.
 """
 
+import re
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, is_real, path
 from elitelanes_jax._util.copies import keeps_copies
-from elitelanes_jax._util.errors import InputError, brief, list_some, reason
+from elitelanes_jax._util.errors import InputError, brief, list_some, reason, yaml_fault
 from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import UserValue
 
@@ -29,6 +30,8 @@ _MODELS = {
     "fisheye": True,
 }
 _KALIBR_MODELS = {"radtan": False, "equidistant": True, "none": False}
+# The first line of an INI file: ROS's comment, or the name of a section.
+_INI = re.compile(r"# oST|\[[\w/]+\]\s*$", re.MULTILINE)
 # The longest side of a picture, in pixels.
 _LONGEST_SIDE = 1e5
 # The most entries of another file that a message names.
@@ -151,7 +154,7 @@ def _read_values(file: Path) -> dict[str, UserValue]:
     start = text.lstrip()
     if start.startswith("<"):
         raise InputError(file, f"{_EXPECTED} in YAML", "XML", "save it as .yml with OpenCV")
-    if start.startswith(("# oST", "[")):
+    if _INI.match(start):
         hint = "name the .yaml file next to it"
         raise InputError(file, f"{_EXPECTED} in YAML", "an INI file", hint)
     # OpenCV begins its files with a line that is no YAML.
@@ -159,8 +162,10 @@ def _read_values(file: Path) -> dict[str, UserValue]:
     try:
         # Messages that ROS prints are documents, one after another.
         values = next(yaml.load_all(text, _Loader), None)
-    except (yaml.YAMLError, ValueError, RecursionError):
-        raise InputError(file, f"{_EXPECTED} in YAML", "another file") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise InputError(file, f"{_EXPECTED} in YAML", yaml_fault(error)) from None
+    except RecursionError:
+        raise InputError(file, f"{_EXPECTED} in YAML", "lists nested too deeply") from None
     if not isinstance(values, dict):
         return {}
     return {str(name).lower(): value for name, value in values.items()}

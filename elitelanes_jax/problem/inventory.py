@@ -41,7 +41,7 @@ def parse_numbers(
         try:
             name, number = _split_pair(pair)
         except (TypeError, ValueError):
-            # The value cannot be unpacked, or has not two parts.
+            # The value cannot be unpacked, or has not two parts, or one of them is missing.
             raise InputError(option, expected, shorten(repr(pair))) from None
         if isinstance(name, str):
             name = name.strip()
@@ -55,10 +55,12 @@ def parse_numbers(
 def _split_pair(pair: UserValue) -> tuple[UserValue, UserValue]:
     """Splits a pair, or a text such as ``bridges=300``, into a name and a number.
 
-    Neither part is checked. Of a text without ``=``, the number is "".
+    Neither part is checked. Raises `ValueError` for a text that lacks one.
     """
     if isinstance(pair, str):
         name, _, number = pair.partition("=")
+        if not name.strip() or not number.strip():
+            raise ValueError(pair)
     else:
         name, number = pair
     return name, number

@@ -194,9 +194,9 @@ def _read_range(item: UserValue, features: Collection[str] | None) -> Range:
 
 def _parse(text: UserValue, features: Collection[str] | None) -> Range:
     source = f"where {text!r}"
-    if not isinstance(text, str) or "=" not in text:
+    name, _, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
+    if not limits.strip():
         raise InputError(source, "NAME=LOW..HIGH, such as crossings=6..10")
-    name, _, limits = text.partition("=")
     return _range(source, name.strip(), limits.strip(), features)
 
 

@@ -154,7 +154,7 @@ def _inputs_of_style(style: Style | None) -> Iterator[str]:
 
 def _check_budget(options: Mapping[str, UserValue]) -> bool:
     """Returns whether options have a budget; raises `InputError` for two."""
-    budgets = [options[name] for name in BUDGET if options.get(name) is not None]
-    if len(budgets) == 2:
-        raise InputError("generations", "it or evaluations", "both, {} and {}".format(*budgets))
-    return bool(budgets)
+    generations, evaluations = map(options.get, BUDGET)
+    if generations is not None and evaluations is not None:
+        raise InputError("generations", f"none with evaluations={evaluations}", generations)
+    return generations is not None or evaluations is not None

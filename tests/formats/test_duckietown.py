@@ -156,7 +156,8 @@ def test_many_directives_are_refused_whatever_comes_first(first):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("tiles: [", "expected readable YAML, got while parsing"),
+        ("tiles: \x07", "expected readable YAML, got .* not allowed at position 7$"),
+        ("tiles: [", "expected readable YAML, got a fault at line ., column .: "),
         ("- a", 'expected a Duckietown map, .*got no "tiles"'),
         ("tiles: road", "tiles: expected rows of kinds of tiles, got 'road'"),
         ("tiles: [[floor, floor], road]", "tiles: expected rows of kinds of tiles"),

@@ -82,5 +82,5 @@ def test_a_map_that_a_format_cannot_hold_is_refused():
         export(RoadMap([[4, 1]]), "duckietown", FormatOptions(dead_ends="grass"))
     with pytest.raises(InputError, match="^name: expected a name without spaces"):
         export(TOWN, "movingai", name="my town")
-    with pytest.raises(InputError, match="^traffic_seed: expected it with pufferdrive, scenarionet alone, got it with"):
+    with pytest.raises(InputError, match="^traffic_seed: expected none with"):
         export(TOWN, "sumo", FormatOptions(traffic_seed=1))

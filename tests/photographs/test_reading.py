@@ -350,6 +350,13 @@ def test_fisheye_lenses_of_other_programs_are_read(tmp_path):
     [
         ('<?xml version="1.0"?>\n<opencv_storage/>', "in YAML, got XML; save it as .yml with OpenCV"),
         ("# oST version 5.0 parameters\n[image]\n", "in YAML, got an INI file; name the .yaml file next to it"),
+        ("[camera/camera_matrix]\n1 0 0\n", "in YAML, got an INI file; name the .yaml file next to it"),
+        ("[1, 2]\n", "or cam0 of Kalibr, got none"),
+        (
+            "[[1, 2],\nb: 3",
+            "in YAML, got a fault at line ., column ., while parsing a flow sequence from line 1, column 1: ",
+        ),
+        ("K: \x07\n", "in YAML, got .* not allowed at "),
         ("M1: [1]\nD1: [1]\n", "camera_matrix of ROS or OpenCV, K of CameraInfo, or cam0 of Kalibr, got 'm1', 'd1'"),
         ("- 1\n", "or cam0 of Kalibr, got none"),
         (f"cam0:\n  {KALIBR}cam1:\n  {KALIBR}", "expected one camera, got cam0, cam1; keep the one that took"),
