@@ -157,8 +157,8 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
         raise InputError("--slurm", "quotes in pairs", repr(text)) from None
     # Options have the form name=value, as in Submitit's own functions.
     for word in words:
-        option, equals, value = word.partition("=")
-        if not option.isidentifier() or not equals:
+        option, _, value = word.partition("=")
+        if not option.isidentifier() or not value:
             raise InputError("--slurm", _OPTIONS, repr(word))
         # Each task of a job would do the same part again.
         if option.endswith(_TASKS) and value != "1":

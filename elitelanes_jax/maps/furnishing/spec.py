@@ -155,7 +155,7 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
     objects: tuple[MapObject, ...] = ()
     for word in words:
         name, _, value = word.partition("=")
-        if "=" in word and name not in ("", "all"):
+        if value and name not in ("", "all"):
             check_names([name], settings)
             if name in asked_by_settings:
                 raise InputError("", "each setting once", f"{name} twice")
