@@ -1,10 +1,15 @@
 from . import interop as interop
 from .measuring import Measured as Measured
+from .operators import Operators as Operators
+from .operators import OperatorSet as OperatorSet
+from .operators import find_operators as find_operators
 from .running import run_task as run_task
 from .scores import Scores as Scores
 from .scores import compute_scores as compute_scores
 from .scores import confidence_interval as confidence_interval
+from .submissions import TRACKS as TRACKS
 from .submissions import Submission as Submission
+from .tasks import PAIRS as PAIRS
 from .tasks import SIZES as SIZES
 from .tasks import Task as Task
 from .tasks import find_task as find_task

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Int, Int8
 from elitelanes_jax._util.types import AnyArray
 
 if TYPE_CHECKING:
+    from elitelanes_jax.benchmark.tasks import Task
     from elitelanes_jax.network.records import Metrics
 
 _BATCH = 4096
@@ -20,15 +21,18 @@ class Measured(NamedTuple):
 
     Attributes:
       fitness: int32 ``[B]``, lower is better.
-      cyclomatic: int32 ``[B]``, the niche.
+      cyclomatic: int32 ``[B]``, the cyclomatic number.
       flaws: int32 ``[B]``, the number of dead ends, boundary violations, mismatches, adjacent
-        crossings, adjacent turns and components beside the first; and of empty cells, if the task
-        fills every cell.
+        crossings, adjacent turns and components beside the first; of empty cells, if the task fills
+        every cell; and of bridges, if the task has two descriptors.
+      niche: int32 ``[B, D]``, the descriptors: the cyclomatic number, and the number of the task's
+        `tiles` if it has two descriptors.
     """
 
     fitness: Int[np.ndarray, " B"]
     cyclomatic: Int[np.ndarray, " B"]
     flaws: Int[np.ndarray, " B"]
+    niche: Int[np.ndarray, "B D"]
 
     @property
     def counts(self) -> Bool[np.ndarray, " B"]:
@@ -36,8 +40,8 @@ class Measured(NamedTuple):
         return self.flaws == 0
 
 
-def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> Measured:
-    """Measures grids in batches of one size.
+def measure_grids(task: "Task", grids: Int8[np.ndarray, "P H W"]) -> Measured:
+    """Measures grids for a task, in batches of one size.
 
     Batches of one size need only one compiled program.
     """
@@ -49,7 +53,7 @@ def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> Measured:
             (min(_BATCH, 1 << (len(batch) - 1).bit_length()) - len(batch), *batch.shape[1:]),
             np.int8,
         )
-        part = _measurer()(np.concatenate([batch, filler]), fill)
+        part = _measurer(task.tiles)(np.concatenate([batch, filler]), task.fill)
         batches.append([np.asarray(values)[: len(batch)] for values in part])
     return Measured(*map(np.concatenate, zip(*batches, strict=True)))
 
@@ -69,9 +73,13 @@ def count_flaws(metrics: "Metrics", fill: AnyArray) -> AnyArray:
 
 
 @cache
-def _measurer() -> Callable[[AnyArray, bool], tuple[AnyArray, ...]]:
-    """Returns the program that computes the fields of `Measured`, in their order."""
+def _measurer(tiles: str | None) -> Callable[[AnyArray, bool], tuple[AnyArray, ...]]:
+    """Returns the program that computes the fields of `Measured`, in their order.
+
+    `tiles` is the second descriptor of the task, or None.
+    """
     import jax
+    import jax.numpy as jnp
 
     from elitelanes_jax.network.fitness import fitness
     from elitelanes_jax.network.metrics import measure
@@ -80,6 +88,11 @@ def _measurer() -> Callable[[AnyArray, bool], tuple[AnyArray, ...]]:
     def measure_batch(batch: AnyArray, fill: AnyArray) -> tuple[AnyArray, ...]:
         metrics = jax.vmap(measure)(batch)
         flaws = count_flaws(metrics, fill)
-        return fitness(metrics), metrics.cyclomatic, flaws
+        niche = [metrics.cyclomatic]
+        if tiles is not None:
+            # The optima of these tasks are proven for networks without bridges.
+            flaws += metrics.bridges
+            niche.append(getattr(metrics, tiles))
+        return fitness(metrics), metrics.cyclomatic, flaws, jnp.stack(niche, axis=-1)
 
     return measure_batch

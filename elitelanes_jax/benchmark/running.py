@@ -1,6 +1,7 @@
 """Runs a user's search on a task, and keeps its archive at every budget."""
 
 from collections.abc import Callable, Generator, Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Int8
@@ -11,17 +12,23 @@ from elitelanes_jax._util.checks import (
     check_unique,
     function_of,
     is_whole,
-    unmasked,
     whole,
 )
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax.benchmark.checks import SpentError, check_batch
 from elitelanes_jax.benchmark.measuring import Measured, measure_grids
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission
 from elitelanes_jax.benchmark.tasks import Task, find_task
 
-SearchFunction = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
-"""A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
+if TYPE_CHECKING:
+    from elitelanes_jax.benchmark.operators import Operators
+
+SearchFunction = Callable[..., Generator[AnyArray, Measured, None]]
+"""A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch.
+
+Its arguments are a `Task`, a generator of NumPy, and `Operators` if they are fixed.
+"""
 
 # Stands for the batch of a search that has ended.
 _ENDED = object()
@@ -29,7 +36,10 @@ _ENDED = object()
 
 @name_wrong_arguments
 def run_task(
-    task: Task | str, search: SearchFunction, seeds: int | Iterable[int] = LEAST_RUNS
+    task: Task | str,
+    search: SearchFunction,
+    seeds: int | Iterable[int] = LEAST_RUNS,
+    operators: str | None = None,
 ) -> Submission:
     """Runs a search once for each seed, and keeps the best grid of each niche at every budget.
 
@@ -40,11 +50,14 @@ def run_task(
       task: the task to run, or its name.
       search: a generator function; see `SearchFunction`. It is stopped when the task's evaluations
         are spent. If a batch exceeds a budget, only its first grids count for this budget.
-      seeds: their number, or the seeds of NumPy's generators. A submission needs 10 or more.
+      seeds: their number, or the seeds of NumPy's generators. A board needs 10 or more.
+      operators: the track. None is the open track: the search makes its grids. On a track of fixed
+        operators, ``tiles``, ``links`` or ``moves`` (see `find_operators`), the search takes
+        `Operators` as its third argument, and yields grids that they have made.
 
     Raises:
-      InputError: for an unknown task, a search that is no generator, or grids of another shape or
-        with other codes.
+      InputError: for an unknown task, a search that is no generator, grids of another shape or
+        with other codes, or grids that the operators have not made.
     """
     task = task if isinstance(task, Task) else find_task(task)
     numbers = _check_seeds(seeds)
@@ -53,9 +66,20 @@ def run_task(
             "search", "a generator function, which yields grids", shorten(repr(search))
         )
     # Otherwise a function of other arguments would raise a `TypeError` that does not name `search`.
-    check_named("search", function_of("task", "generator"), search)
-    runs = [_run_seed(task, search(task, np.random.default_rng(seed))) for seed in numbers]
-    return Submission(task, np.stack(runs))
+    names = ("task", "generator") if operators is None else ("task", "generator", "operators")
+    check_named("search", function_of(*names), search)
+    runs = []
+    for seed in numbers:
+        generator = np.random.default_rng(seed)
+        if operators is None:
+            runs.append(_run_seed(task, search(task, generator), None))
+        else:
+            # The open track does not need JAX before the first measurement.
+            from elitelanes_jax.benchmark.operators import Operators
+
+            fixed = Operators(operators, task, seed)
+            runs.append(_run_seed(task, search(task, generator, fixed), fixed))
+    return Submission(task, np.stack(runs), operators or "open")
 
 
 def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
@@ -75,8 +99,10 @@ def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
     return numbers
 
 
-def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
-    """Returns the archive after each budget: the best grid of each cyclomatic number."""
+def _run_seed(
+    task: Task, search: UserValue, operators: "Operators | None"
+) -> Int8[np.ndarray, "T N H W"]:
+    """Returns the archive after each budget: the best grid of each niche."""
     # A function that returns its grids instead of yielding them would receive no measurements.
     if not isinstance(search, Generator):
         raise InputError(
@@ -85,10 +111,12 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
     budgets = task.budgets
     archive = _Archive(task)
     at_budgets: list[Int8[np.ndarray, "N H W"]] = []
-    spent, batch = 0, next(search, _ENDED)
+    spent, batch = 0, _advance(search, None)
     while batch is not _ENDED and len(at_budgets) < len(budgets):
-        codes = _check(task, batch)
-        measured = measure_grids(codes, fill=task.fill)
+        codes = check_batch("search", task, batch)
+        if operators is not None:
+            operators.check("search", codes)
+        measured = measure_grids(task, codes)
         # The grids are counted one at a time, because a budget may be spent within a batch.
         for number in range(len(codes)):
             archive.insert(codes[number], measured, number)
@@ -97,10 +125,7 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
             if len(at_budgets) < len(budgets) and spent == budgets[len(at_budgets)]:
                 # The archive changes with the next grid, so a copy is kept.
                 at_budgets.append(archive.grids.copy())
-        try:
-            batch = search.send(measured)
-        except StopIteration:
-            batch = _ENDED
+        batch = _advance(search, measured)
     search.close()
     while len(at_budgets) < len(budgets):
         # The search ended before it had spent its budget.
@@ -108,49 +133,40 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
     return np.stack(at_budgets)
 
 
+def _advance(search: Generator[AnyArray, Measured, None], measured: Measured | None) -> Any:
+    """Returns the search's next batch, or `_ENDED`."""
+    try:
+        return search.send(measured)  # type: ignore[arg-type]  # None starts a generator
+    except (StopIteration, SpentError):
+        return _ENDED
+
+
 class _Archive:
-    """The best grid of each cyclomatic number.
+    """The best grid of each niche.
 
     The best grid has the fewest flaws, and among these the lowest fitness.
     """
 
     def __init__(self, task: Task) -> None:
-        # Linked tiles form fewer loops than there are tiles, so every cyclomatic number is an
-        # index.
-        niches = task.shape[0] * task.shape[1]
-        self.grids = np.zeros((niches, *task.shape), np.int8)
+        if task.tiles is None:
+            # Linked tiles form fewer loops than there are tiles, so every cyclomatic number has a
+            # slot.
+            niches = [(number,) for number in range(task.shape[0] * task.shape[1])]
+        else:
+            # Grids in niches that have no network do not count, not even in the graded score.
+            niches = [tuple(niche) for niche in task.niches.tolist()]
+        self._slots = {niche: slot for slot, niche in enumerate(niches)}
+        self.grids = np.zeros((len(niches), *task.shape), np.int8)
         # The flaws and the fitness of each niche's grid.
-        self._ranks = [(np.inf, np.inf)] * niches
+        self._ranks = [(np.inf, np.inf)] * len(niches)
 
     def insert(self, codes: Int8[np.ndarray, "H W"], measured: Measured, number: int) -> None:
         """Keeps a grid if it is better than its niche's.
 
         `measured` has the figures of the grid's batch, in which it is at index `number`.
         """
-        niche = measured.cyclomatic[number]
+        slot = self._slots.get(tuple(measured.niche[number].tolist()))
         rank = (measured.flaws[number], measured.fitness[number])
         # Of equal ranks the first stays.
-        if rank < self._ranks[niche]:
-            self.grids[niche], self._ranks[niche] = codes, rank
-
-
-def _check(task: Task, batch: UserValue) -> Int8[np.ndarray, "B H W"]:
-    check_named("search", unmasked, batch)
-    try:
-        codes = np.asarray(batch)
-    except ValueError as error:
-        raise InputError("search", "an array of grids", shorten(str(error))) from None
-    if (
-        codes.ndim != 3
-        or codes.shape[1:] != task.shape
-        or not len(codes)
-        or codes.dtype.kind not in "iu"
-    ):
-        shape = f"[B, {task.shape[0]}, {task.shape[1]}]"
-        raise InputError(
-            "search", f"grids {shape} of whole numbers", f"{codes.dtype} {list(codes.shape)}"
-        )
-    # Codes are checked before the conversion to int8, in which larger ones would overflow.
-    if not 0 <= codes.min() <= codes.max() <= 15:
-        raise InputError("search", "tile codes 0 to 15", f"{codes.min()} to {codes.max()}")
-    return codes.astype(np.int8)
+        if slot is not None and rank < self._ranks[slot]:
+            self.grids[slot], self._ranks[slot] = codes, rank

@@ -11,17 +11,20 @@ import numpy as np
 from jaxtyping import Int8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, file_named, instance, unmasked
+from elitelanes_jax._util.checks import check_named, file_named, instance, one_of, unmasked
 from elitelanes_jax._util.copies import keeps_copies
-from elitelanes_jax._util.errors import InputError, pluralize
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import read_npz
 from elitelanes_jax.benchmark.measuring import Measured, measure_grids
 from elitelanes_jax.benchmark.scores import Scores, compute_scores, grade
-from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
+from elitelanes_jax.benchmark.tasks import Task, find_task
 
 LEAST_RUNS = 10
-"""The smallest number of runs, each from another seed."""
+"""The smallest number of runs on a board, each from another seed."""
+
+TRACKS = ("open", "tiles", "links", "moves")
+"""The tracks of the benchmark."""
 
 # The largest size of the grids: `unpack` reads 2**29 bytes on any machine.
 _MOST_BYTES = 2**29 - 2**12
@@ -36,22 +39,31 @@ class Submission(NamedTuple):
       grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant slot
         is all zeros. Grids that are not flawless, or have an empty cell although the task fills
         every cell, do not count. The grids are copied, and the copy is read-only.
+      operators: the track: ``open``, or the operators that made all grids, ``tiles``, ``links`` or
+        ``moves``. An archive does not prove it; running a seed again does.
     """
 
     task: Task
     grids: Int8[np.ndarray, "R T N H W"]
+    operators: str = "open"
 
     def save(self, file: str | Path) -> None:
-        """Writes a raw archive as an ``.npz``.
+        """Writes a raw archive as an ``.npz``. A board takes archives of `LEAST_RUNS` runs or more.
 
         Raises:
           InputError: if the grids do not fit the task, for another type, or a file with the suffix
             of another format.
         """
         out = check_named("file", file_named(".npz"), file)
-        grids = _checked_grids(self, str(file), LEAST_RUNS)
+        grids = _checked_grids(self, str(file))
         content = io.BytesIO()
-        np.savez_compressed(content, version=VERSION, task=self.task.name, grids=grids)
+        np.savez_compressed(
+            content,
+            version=self.task.version,
+            task=self.task.name,
+            operators=self.operators,
+            grids=grids,
+        )
         write_atomic(out, content.getvalue())
 
     @classmethod
@@ -67,14 +79,17 @@ class Submission(NamedTuple):
             got = ", ".join(present) or "none"
             raise InputError(file, f"arrays {', '.join(names)}", got)
         version, task_name, grids = (stored[name] for name in names)
-        if version.tolist() != VERSION:
-            raise InputError(file, f"version {VERSION}", repr(version.tolist()))
         try:
             task = find_task(task_name.tolist())
         except InputError as error:
             raise error.within(file) from None
-        _check(str(file), task, grids, LEAST_RUNS)
-        return cls(task, grids.astype(np.int8))
+        if version.tolist() != task.version:
+            raise InputError(file, f"version {task.version}", repr(version.tolist()))
+        _check(str(file), task, grids)
+        # Archives of other programs need no track.
+        operators = stored.get("operators", np.array("open")).tolist()
+        check_named(f"{file}: operators", one_of(*TRACKS), operators)
+        return cls(task, grids.astype(np.int8), operators)
 
     def score(self) -> tuple[NDArray[np.float64], Scores]:
         """Measures all grids, and scores them.
@@ -115,16 +130,16 @@ def score_and_grade(submission: Submission) -> dict[str, NDArray[np.float64]]:
     return compute_scores(submission.task, best)._asdict() | {"graded": graded}
 
 
-def _checked_grids(submission: Submission, source: str, least: int) -> NDArray[np.integer]:
+def _checked_grids(submission: Submission, source: str) -> NDArray[np.integer]:
     """Returns the grids; raises `InputError` for a task or grids that cannot be measured."""
     check_named("submission: task", instance(Task), submission.task)
     check_named("submission: grids", unmasked, submission.grids)
     grids = np.asarray(submission.grids)
-    _check(source, submission.task, grids, least)
+    _check(source, submission.task, grids)
     return grids
 
 
-def _check(source: str, task: Task, grids: np.ndarray, least: int) -> None:
+def _check(source: str, task: Task, grids: np.ndarray) -> None:
     # The size is checked first, before all grids are read.
     if grids.nbytes > _MOST_BYTES:
         raise InputError(source, f"grids of at most {_MOST_BYTES:,} bytes", f"{grids.nbytes:,}")
@@ -132,8 +147,8 @@ def _check(source: str, task: Task, grids: np.ndarray, least: int) -> None:
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
     if grids.ndim != 5 or grids.shape[1] != budgets or grids.shape[3:] != task.shape:
         raise InputError(source, f"grids {shape} for {task.name}", list(grids.shape))
-    if len(grids) < least:
-        raise InputError(source, f"at least {pluralize(least, 'run')}", len(grids))
+    if not len(grids):
+        raise InputError(source, "at least 1 run", 0)
     if not grids.size:
         raise InputError(source, "at least one slot in grids", list(grids.shape))
     if not np.issubdtype(grids.dtype, np.integer):
@@ -144,11 +159,9 @@ def _check(source: str, task: Task, grids: np.ndarray, least: int) -> None:
 
 def _measure(submission: Submission) -> Measured:
     """Checks and measures all grids, each field ``[R, T, N]``."""
-    # A user may score few runs. Only a file that is handed in needs `LEAST_RUNS`.
-    grids = _checked_grids(submission, "submission", least=1)
-    task = submission.task
-    measured = measure_grids(grids.reshape(-1, *task.shape), fill=task.fill)
-    return Measured(*(values.reshape(grids.shape[:3]) for values in measured))
+    grids = _checked_grids(submission, "submission")
+    measured = measure_grids(submission.task, grids.reshape(-1, *submission.task.shape))
+    return Measured(*(values.reshape(*grids.shape[:3], *values.shape[1:]) for values in measured))
 
 
 def _best_fitness(task: Task, measured: Measured) -> NDArray[np.float64]:
@@ -160,36 +173,46 @@ def _best_fitness(task: Task, measured: Measured) -> NDArray[np.float64]:
       InputError: for a grid that the task's certificates say cannot exist.
     """
     flawless = measured.flaws == 0
-    beyond = np.argwhere(flawless & ~np.isin(measured.cyclomatic, task.cyclomatic))
-    if len(beyond):
-        index = tuple(beyond[0].tolist())
-        got = f"one at {measured.cyclomatic[index]}, {_slot(index)}"
-        raise InputError(
-            "grids", "none in niches that are certified to be empty", f"{got}: please report it"
-        )
-    best = np.full((*flawless.shape[:2], len(task.cyclomatic)), np.inf)
-    for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
+    certified = np.zeros_like(flawless)
+    best = np.full((*flawless.shape[:2], len(task.niches)), np.inf)
+    for niche, (descriptors, optimum) in enumerate(zip(task.niches, task.optimum, strict=True)):
+        in_niche = (measured.niche == descriptors).all(axis=-1)
+        certified |= in_niche
         # Several slots may be in the same niche, and the best one counts.
-        here = flawless & (measured.cyclomatic == cyclomatic)
+        here = flawless & in_niche
         best[..., niche] = np.where(here, measured.fitness, np.inf).min(axis=-1, initial=np.inf)
         better = np.argwhere(here & (measured.fitness < optimum))
         if len(better):
             index = tuple(better[0].tolist())
-            got = f"{measured.fitness[index]} at cyclomatic number {cyclomatic}, {_slot(index)}"
+            got = (
+                f"{measured.fitness[index]} at {_describe(task, descriptors)}, {_slot(task, index)}"
+            )
             raise InputError(
                 "grids", f"none better than the certified {optimum}", f"{got}: please report it"
             )
+    beyond = np.argwhere(flawless & ~certified)
+    if len(beyond):
+        index = tuple(beyond[0].tolist())
+        got = f"one at {_describe(task, measured.niche[index])}, {_slot(task, index)}"
+        raise InputError(
+            "grids", "none in niches that are certified to be empty", f"{got}: please report it"
+        )
     return best
 
 
 def _grade(task: Task, best: NDArray[np.float64], measured: Measured) -> NDArray[np.float64]:
     """Returns the graded score ``[R, T]``; `best` is that of `_best_fitness`."""
     fewest = np.full(best.shape, np.inf)
-    for niche, cyclomatic in enumerate(task.cyclomatic):
-        here = measured.cyclomatic == cyclomatic
+    for niche, descriptors in enumerate(task.niches):
+        here = (measured.niche == descriptors).all(axis=-1)
         fewest[..., niche] = np.where(here, measured.flaws, np.inf).min(axis=-1, initial=np.inf)
     return grade(task, best, fewest)
 
 
-def _slot(index: tuple[int, ...]) -> str:
-    return f"run {index[0]}, {BUDGETS[index[1]]:,} evaluations, slot {index[2]}"
+def _describe(task: Task, descriptors: NDArray[np.integer]) -> str:
+    tiles = "" if task.tiles is None else f" and {descriptors[1]} {task.tiles}"
+    return f"cyclomatic number {descriptors[0]}{tiles}"
+
+
+def _slot(task: Task, index: tuple[int, ...]) -> str:
+    return f"run {index[0]}, {task.budgets[index[1]]:,} evaluations, slot {index[2]}"

@@ -1,14 +1,14 @@
 """The command ``elitelanes score``."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import one_of, path
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
 from elitelanes_jax.cli.program import say
 from elitelanes_jax.maps.spec import SPLITS
@@ -50,7 +50,7 @@ def _score(options: argparse.Namespace) -> int:
         return _score_dataset(options)
     if options.split is not None:
         raise InputError("--split", "--predictions too", "none")
-    from elitelanes_jax.benchmark.submissions import Submission, score_and_grade
+    from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission, score_and_grade
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     # Grids are measured by a compiled program.
@@ -63,10 +63,10 @@ def _score(options: argparse.Namespace) -> int:
         # The messages of the scores name no file, because they are of arrays.
         with naming(file):
             of_runs = score_and_grade(submission)
-        say(
-            f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(of_runs)}",
-            asked=True,
-        )
+        task, runs = submission.task, len(submission.grids)
+        draft = "" if runs >= LEAST_RUNS else f"; the board takes {LEAST_RUNS} or more"
+        title = f"{file}: {task.name}, {pluralize(runs, 'run')}{draft}"
+        say(f"{title}\n{_table(task.budgets, of_runs)}", asked=True)
     return 0
 
 
@@ -87,13 +87,12 @@ def _score_dataset(options: argparse.Namespace) -> int:
     return 0
 
 
-def _table(scores: Mapping[str, NDArray[np.float64]]) -> str:
-    """Returns a table of scores ``[R, T]`` by name, with a line for each budget."""
+def _table(budgets: Sequence[int], scores: Mapping[str, NDArray[np.float64]]) -> str:
+    """Returns a table of scores ``[R, T]`` by name, with a line for each of the T budgets."""
     from elitelanes_jax.benchmark.scores import confidence_interval
-    from elitelanes_jax.benchmark.tasks import BUDGETS
 
     lines = ["".join(f"{name:>22}" for name in ("evaluations", *scores))]
-    for index, budget in enumerate(BUDGETS[: scores["graded"].shape[1]]):
+    for index, budget in enumerate(budgets):
         cells = [f"{budget:,}"]
         for values in scores.values():
             # The precision of a run without filled niches is NaN.

@@ -31,7 +31,10 @@ from experiments.search.exact.halves import Half, make_half
 from experiments.search.exact.proof import find_most_crossings, find_optimum
 from experiments.search.exact.sweep import sweep
 
-__all__ = ["SIZES", "Certificate", "Cost", "Niche", "Size", "certify", "certify_by_halves", "main", "make_table"]
+__all__ = [
+    *("SIZES", "TRANSPOSED", "Certificate", "Cost", "Niche", "Size"),
+    *("certify", "certify_by_halves", "main", "make_table", "parse_size"),
+]
 
 Size = tuple[int, int, bool]
 """Height, width, and whether every cell is filled."""
@@ -103,7 +106,7 @@ def certify(size: Size, *, thin: bool = True) -> Certificate:
     bound = sweep(shape, bins, fill=fill, thin=thin)
     niches = []
     for cyclomatic in feasible:
-        witness = _TRANSPOSED[best.witnesses[cyclomatic].T] if cyclomatic in best.witnesses else None
+        witness = TRANSPOSED[best.witnesses[cyclomatic].T] if cyclomatic in best.witnesses else None
         scores = best.values[cyclomatic], bound.values[cyclomatic]
         niches.append(_niche(size, cyclomatic, int(counted.values[cyclomatic]), *scores, witness))
     cost = _cost(began, counted.states + best.states + bound.states, max(counted.peak, best.peak, bound.peak))
@@ -196,8 +199,8 @@ def _cost(began: float, states: int, peak: int) -> Cost:
     return {"seconds": round(seconds, 2), "mebibytes": memory, "states": states, "peak": peak}
 
 
-# The code of each tile when rows become columns: north becomes west, and east south.
-_TRANSPOSED = np.array([code >> 3 & 1 | code >> 1 & 2 | code << 1 & 4 | code << 3 & 8 for code in range(16)], np.int8)
+TRANSPOSED = np.array([code >> 3 & 1 | code >> 1 & 2 | code << 1 & 4 | code << 3 & 8 for code in range(16)], np.int8)
+"""The code of each tile when rows become columns: north becomes west, and east south."""
 
 
 def make_table(records: Sequence[Certificate]) -> str:
@@ -228,7 +231,8 @@ def _name(record: Certificate) -> str:
     return f"{record['height']} x {record['width']} {'A' if record['fill'] else 'B'}"
 
 
-def _size(text: str) -> Size:
+def parse_size(text: str) -> Size:
+    """Reads a size such as 8x8A, the smaller side first."""
     parts = re.fullmatch(r"(\d+)x(\d+)([AB])", text)
     sides = sorted(map(int, parts.groups()[:2])) if parts else [0]
     if not parts or not 2 <= sides[0] <= sides[1] <= 14:
@@ -238,7 +242,7 @@ def _size(text: str) -> Size:
 
 def _transpose(rows: Sequence[str]) -> list[str]:
     """Makes rows of codes of columns of codes."""
-    return ["".join(f"{code:x}" for code in row) for row in _TRANSPOSED[_grid(rows).T].tolist()]
+    return ["".join(f"{code:x}" for code in row) for row in TRANSPOSED[_grid(rows).T].tolist()]
 
 
 def _grid(rows: Sequence[str]) -> NDArray[np.int_]:
@@ -265,7 +269,7 @@ def _write(file: Path, records: Mapping[Size, Certificate]) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("certify", __doc__)
-    parser.add_argument("sizes", nargs="*", type=_size, metavar="SIZE", help="such as 8x8A 7x9B; by default all")
+    parser.add_argument("sizes", nargs="*", type=parse_size, metavar="SIZE", help="such as 8x8A 7x9B; by default all")
     parser.add_argument("--out", type=Path, default=Path("results/certificates.json"), help="file to add to")
     parser.add_argument("--table", type=Path, help="file for tables of all sizes in the other file")
     options = parser.parse_args(arguments)

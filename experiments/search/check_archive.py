@@ -7,18 +7,19 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Score", "check", "rescore"]
+__all__ = ["Score", "check", "count_tiles", "rescore"]
 
 _NORTH, _EAST, _SOUTH, _WEST = 8, 4, 2, 1
 
 
 class Score(NamedTuple):
-    """The fitness and the cyclomatic number of a network, whether it is flawless, and whether every cell is filled."""
+    """What is measured of a network; `filled` says whether every cell has a road."""
 
     fitness: int
     cyclomatic: int
     flawless: bool
     filled: bool
+    bridges: int
 
 
 def rescore(grid: NDArray[np.integer]) -> Score:
@@ -48,9 +49,16 @@ def rescore(grid: NDArray[np.integer]) -> Score:
     turns = int((turn[:, :-1] & turn[:, 1:]).sum() + (turn[:-1] & turn[1:]).sum())
     straights = sum(map(_squares, grid == _EAST + _WEST)) + sum(map(_squares, (grid == _NORTH + _SOUTH).T))
     fitness = 480 * dead_ends + 300 * max(components - 1, 0) + 150 * int(outward.sum()) + 200 * crossings + 80 * turns
-    fitness += 100 * sum(1 for _ in nx.bridges(graph)) - 2 * cyclomatic - 2 * straights
+    bridges = sum(1 for _ in nx.bridges(graph))
+    fitness += 100 * bridges - 2 * cyclomatic - 2 * straights
     flawless = components == 1 and not (dead_ends or crossings or turns)
-    return Score(fitness, cyclomatic, flawless, bool((grid > 0).all()))
+    return Score(fitness, cyclomatic, flawless, bool((grid > 0).all()), bridges)
+
+
+def count_tiles(grid: NDArray[np.integer], kind: str) -> int:
+    """Counts the ``turns``, ``crossings`` or ``straights`` of a grid of codes ``[H, W]``."""
+    codes = {"turns": (3, 6, 9, 12), "crossings": (7, 11, 13, 14, 15), "straights": (5, 10)}[kind]
+    return int(np.isin(grid, codes).sum())
 
 
 def _squares(marks: NDArray[np.bool_]) -> int:

@@ -5,6 +5,7 @@ import json
 import re
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,13 +15,24 @@ from oracle import measure as oracle
 from pages import blocks, run_program
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.benchmark.measuring import measure_grids
+from elitelanes_jax.benchmark.operators import find_operators
 from elitelanes_jax.benchmark.running import run_task
 from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval, grade
 from elitelanes_jax.benchmark.submissions import (
     LEAST_RUNS,
     Submission,
 )
-from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
+from elitelanes_jax.benchmark.tasks import (
+    BUDGETS,
+    CURVE,
+    PAIRS,
+    PAIRS_BUDGETS,
+    PAIRS_VERSION,
+    SIZES,
+    VERSION,
+    find_task,
+)
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.cli.score import _table
 from elitelanes_jax.network import Weights, mirror
@@ -63,7 +75,48 @@ def test_the_witnesses_have_the_highest_scores(size):
     assert (perfect(task).grade() == 1).all()
 
 
-@pytest.mark.parametrize("name", ["5x5A", "5x5A-1000", "12x12B-10000", "5x5-10000", "5x5C-10000", "", 3])
+def bits_of(operators):
+    random, mutate = find_operators(operators, (6, 7), fill=False)
+    grids = random(jax.random.key(5), 50)
+    return np.asarray([grids, mutate(grids, jax.random.key(6))]).tolist()
+
+
+def test_the_tasks_of_two_descriptors_do_not_change():
+    tasks = [find_task(f"{size}-100000") for size in PAIRS]
+    facts = {
+        "tasks": [[task.name, task.shape, task.fill, task.niches.tolist(), task.optimum.tolist()] for task in tasks],
+        "budgets": [PAIRS_BUDGETS, CURVE],
+        "operators": [bits_of(name) for name in ("tiles", "links")],
+    }
+    assert PAIRS_VERSION == 2 and [len(task.niches) for task in tasks] == [51, 122, 100, 162]
+    assert hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16] == "865616952d98093c"
+
+
+@pytest.mark.parametrize("size", PAIRS)
+def test_the_witnesses_of_two_descriptors_are_optimal_in_their_niches(size):
+    task = find_task(f"{size}-10000")
+    for grid, niche, optimum in zip(task.witnesses, task.niches.tolist(), task.optimum, strict=True):
+        found = oracle(grid)
+        assert [found["cyclomatic"], found[task.tiles]] == niche and oracle_fitness(found) == optimum < 0
+        assert not oracle_flaws(grid, task.fill) and not found["bridges"]
+    best, scores = perfect(task).score()
+    assert (best == task.optimum).all() and (scores.optimal == 1).all() and (perfect(task).grade() == 1).all()
+
+
+def test_a_bridge_is_a_flaw_if_a_task_has_two_descriptors():
+    rows = ["63063", "cd5d9", "00000", "00000", "00000"]  # two rings
+    grid = np.array([[int(code, 16) for code in row] for row in rows], np.int8)
+    measured = measure_grids(find_task("5x5B-straights-10000"), grid[None])
+    found = oracle(grid)
+    assert measured.flaws[0] == oracle_flaws(grid, False) + 2 and found["bridges"] == 2
+    assert measure_grids(find_task("5x5B-10000"), grid[None]).flaws[0] == oracle_flaws(grid, False)
+    assert measured.niche.tolist() == [[found["cyclomatic"], found["straights"]]]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["5x5A", "5x5A-1000", "6x6B-turns-10000", "7x7B-turns-1000000", "12x12B-10000", "5x5-10000", "5x5C-10000", "", 3],
+)
 def test_there_are_no_other_tasks(name):
     with pytest.raises(InputError, match=r"^task: expected SIZE-BUDGET of 5x5A, "):
         find_task(name)
@@ -152,7 +205,7 @@ def test_intervals_cover_the_mean_and_leave_out_what_is_no_number():
 
 def test_the_table_of_scores_leaves_out_what_is_no_number():
     known, unknown = np.array([[np.nan], [0.5], [0.5]]), np.full((3, 1), np.nan)
-    _, row = _table({"precision": known, "optimal": unknown, "graded": known}).splitlines()
+    _, row = _table([10_000], {"precision": known, "optimal": unknown, "graded": known}).splitlines()
     assert re.split(r" {2,}", row.strip()) == ["10,000", "0.500 [0.500, 0.500]", "-", "0.500 [0.500, 0.500]"]
 
 
@@ -170,7 +223,8 @@ def arrays(**changed):
         ({"task": "5x5A-10000"}, "expected grids [R, 1, N, 5, 5] for 5x5A-10000, got [10, 2, 2, 5, 5]"),
         ({"task": "6x6A-100000"}, "expected grids [R, 2, N, 6, 6] for 6x6A-100000, got [10, 2, 2, 5, 5]"),
         ({"grids": None}, "expected arrays version, task, grids, got version, task"),
-        ({"grids": perfect().grids[:9]}, "expected at least 10 runs, got 9"),
+        ({"grids": perfect().grids[:0]}, "expected at least 1 run, got 0"),
+        ({"operators": "flips"}, "operators: expected one of open, tiles, links, moves, got 'flips'"),
         ({"grids": perfect().grids[:, :, :0]}, "expected at least one slot in grids"),
         ({"grids": perfect().grids.astype(float)}, "expected whole numbers in grids, got float64"),
         ({"grids": perfect().grids + 8}, "expected tile codes 0 to 15 in grids"),
@@ -198,7 +252,10 @@ def test_other_files_are_refused_in_one_line(content, tmp_path, capsys):
     ("wrong", "words"),
     [
         ({"optimum": TASK.optimum + 2}, "expected none better than the certified -54, got -56"),
-        ({"cyclomatic": TASK.cyclomatic + 1}, "expected none in niches that are certified to be empty, got one at 3"),
+        (
+            {"niches": TASK.niches + 1},
+            "certified to be empty, got one at cyclomatic number 3, run 0",
+        ),
     ],
 )
 def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
@@ -338,6 +395,68 @@ def test_a_search_may_end_early_and_faults_are_named():
 
 def iter_once(batch):
     yield batch
+
+
+PAIR = find_task("5x5B-straights-10000")
+
+
+def climb(task, rng, operators):
+    """Mutates what was measured last, and keeps nothing."""
+    grids = operators.random(60)
+    while True:
+        yield grids
+        grids = operators.mutate(grids)
+
+
+@pytest.mark.parametrize("name", ["tiles", "links", "moves"])
+def test_runs_on_fixed_operators_repeat_and_change_one_thing(name, tmp_path):
+    one = run_task(PAIR, climb, [3, 4], operators=name)
+    np.testing.assert_array_equal(run_task(PAIR, climb, [4], operators=name).grids[0], one.grids[1])
+    assert one.grids.shape == (2, len(PAIR.budgets), len(PAIR.niches), 5, 5) and PAIR.budgets[0] == 100
+    one.save(tmp_path / "draft.npz")
+    read = Submission.load(tmp_path / "draft.npz")
+    assert read.operators == name and main(["score", str(tmp_path / "draft.npz")]) == 0
+    random, mutate = find_operators(name, (5, 5), fill=False)
+    parents = np.asarray(random(jax.random.key(0), 300))
+    children = np.asarray(mutate(parents, jax.random.key(1)))
+    changed = (parents != children).sum(axis=(1, 2))
+    if name == "links":
+        assert (changed == 2).all() and not any(oracle(grid)["mismatches"] for grid in children)
+        pairs = {tuple(map(tuple, np.argwhere(one != other))) for one, other in zip(parents, children, strict=True)}
+        assert len(pairs) == 40  # all pairs of neighbours
+    elif name == "tiles":
+        assert 0 < changed.max() <= 5
+        assert {tuple(cell) for cell in np.argwhere((parents != children).any(axis=0))} == set(np.ndindex(5, 5))
+
+
+def test_fixed_operators_refuse_grids_that_they_have_not_made():
+    def smuggle(task, rng, operators):
+        yield operators.random(2)
+        yield task.witnesses[:1]
+
+    def adopt(task, rng, operators):
+        yield operators.mutate(task.witnesses[:1])
+
+    with pytest.raises(InputError, match="^search: expected grids that the operators of this run have made, got"):
+        run_task(PAIR, smuggle, 1, operators="links")
+    with pytest.raises(InputError, match="^grids: expected grids that the operators of this run have made, got"):
+        run_task(PAIR, adopt, 1, operators="links")
+    with pytest.raises(InputError, match="^operators: expected one of tiles, links, moves, got 'flips'"):
+        run_task(PAIR, climb, 1, operators="flips")
+    with pytest.raises(InputError, match="^search: expected a function"):
+        run_task(PAIR, lambda task, rng: None, 1, operators="links")
+
+
+def test_grids_that_a_search_makes_and_does_not_yield_count_for_its_operators():
+    made = []
+
+    def waste(task, rng, operators):
+        yield operators.random(1)
+        while True:
+            made.append(len(operators.random(900)))
+
+    run_task(PAIR, waste, 1, operators="links")
+    assert 1 + sum(made[:-1]) < PAIR.evaluations <= 1 + sum(made)
 
 
 @pytest.mark.parametrize(

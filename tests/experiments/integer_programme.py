@@ -11,8 +11,10 @@ from scipy.sparse import csr_array
 __all__ = ["solve"]
 
 
-def solve(height, width, fill, cyclomatic, seconds):
+def solve(height, width, fill, cyclomatic, seconds, counted=None):
     """Returns the lowest fitness of a flawless network without bridges, infinite if there is none; None without proof.
+
+    With `counted`, such as ``("turns", 8)``, the network has this number of tiles of the kind.
 
     A variable for each tile of each cell, and for each run of straights. Where a solution falls apart, or has a bridge,
     the sets of cells on both sides must be held together by two links, and it is solved again.
@@ -71,6 +73,10 @@ def solve(height, width, fill, cyclomatic, seconds):
                 require({place: crossings.get(place, 0) + here.get(place, 0) for place in crossings | here}, 0, 2)
     beyond = {tiles[cell]: cell[2].bit_count() / 2 - 1 for cell in tiles if cell[2]}
     require(beyond, cyclomatic - 1, cyclomatic - 1)
+    if counted:
+        kind, number = counted
+        is_counted = {"turns": turn, "crossings": crossing, "straights": lambda code: code in (5, 10)}[kind]
+        require({tiles[cell]: 1 for cell in tiles if is_counted(cell[2])}, number, number)
     gains = np.zeros(size)
     for (_, run), place in runs.items():
         gains[place] = len(run) ** 2

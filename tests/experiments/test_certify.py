@@ -1,8 +1,11 @@
 """The certificates: against enumeration, integer programming, and the searches of the package."""
 
 import json
+import shutil
+import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import jax
@@ -15,10 +18,13 @@ from integer_programme import solve
 from oracle import CERTIFICATES, fitness, measure
 
 import elitelanes_jax
+from elitelanes_jax.benchmark import find_task
 from experiments.search.check_archive import check, rescore
 from experiments.search.optimum import OPTIMA
 
 certify = pytest.importorskip("experiments.search.certify", reason="no such system calls", exc_type=ImportError)
+certify_pairs = pytest.importorskip("experiments.search.certify_pairs", exc_type=ImportError)
+ROOT = Path(__file__).parents[2]
 RECORDS = {
     (one["height"], one["width"], one["fill"]): one for one in json.loads(CERTIFICATES.read_text())["certificates"]
 }
@@ -74,6 +80,65 @@ def test_enumeration_finds_the_same(height, width, fill):
     niches = np.unique(cyclomatic[here]).tolist()
     assert certificates()[height, width, fill] == {k: values[here & (cyclomatic == k)].min() for k in niches}
     assert networks(height, width, fill) == {k: (here & (cyclomatic == k)).sum() for k in niches}
+
+
+@pytest.mark.parametrize("fill", [True, False])
+@pytest.mark.parametrize("tiles", ["turns", "crossings", "straights"])
+def test_enumeration_finds_the_same_niches_of_two_descriptors(tiles, fill):
+    """Networks with a bridge do not count. Without all cells filled, smaller grids of the corner are included."""
+    grids, values, cyclomatic, flawless = enumerated()
+    counts = {"turns": (3, 6, 9, 12), "straights": (5, 10), "crossings": (7, 11, 13, 14, 15)}
+    number = np.isin(grids, counts[tiles]).sum(axis=(1, 2))
+    here = np.array([good and measure(grid)["bridges"] == 0 for grid, good in zip(grids, flawless, strict=True)])
+    if fill:
+        here &= (grids > 0).all(axis=(1, 2))
+    expected = {}
+    for niche, value in zip(
+        zip(cyclomatic[here].tolist(), number[here].tolist(), strict=True), values[here], strict=True
+    ):
+        known = expected.get(tuple(niche), [0, 0])
+        expected[tuple(niche)] = [min(known[0], value), known[1] + 1]
+    size = f"4x4{'A' if fill else 'B'}-{tiles}"
+    for thin in (True, False):
+        record = certify_pairs.certify_pair(size, thin=thin)
+        found = {(one["cyclomatic"], one["tiles"]): [one["optimum"], one["networks"]] for one in record["niches"]}
+        assert found == expected and certify_pairs.name_of(record) == size
+
+
+def test_the_program_that_lists_networks_has_the_same_optima(tmp_path):
+    """`enumerate.cpp` shares no code with the sweep."""
+    program, source = tmp_path / "enumerate", ROOT / "experiments" / "search" / "enumerate.cpp"
+    if not shutil.which("g++"):
+        pytest.skip("no compiler")
+    subprocess.run(["g++", "-O2", "-std=c++20", source, "-o", program], check=True)
+    lines = subprocess.run([program, "5", "5"], check=True, capture_output=True, text=True).stdout.splitlines()
+    for name in ("5x5B-straights", "5x5B-turns"):
+        record = certify_pairs.certify_pair(name)
+        assert certify_pairs.compare(record, lines) == len(record["niches"])
+        record["niches"][0]["optimum"] -= 2
+        with pytest.raises(ArithmeticError, match=f"{name}: enumeration and certificate differ at "):
+            certify_pairs.compare(record, lines)
+    counted = sum(int(line.split()[3]) for line in lines)
+    assert counted == sum(networks(5, 5, False).values())
+
+
+def test_the_certificates_of_two_descriptors_are_made_again(tmp_path, capsys):
+    packaged = ROOT / "elitelanes_jax" / "benchmark" / "certificates-2.json"
+    assert certify_pairs.main(["5x5B-straights", "--out", str(tmp_path / "one.json")]) == 0
+    (record,) = json.loads((tmp_path / "one.json").read_text())["certificates"]
+    assert record in json.loads(packaged.read_text())["certificates"]
+    with pytest.raises(SystemExit):
+        certify_pairs.main(["5x5B-bridges"])
+    assert "expected a size and one of turns, crossings, straights, got '5x5B-bridges'" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("cyclomatic", "straights"), [(2, 8), (3, 10), (6, 4)])
+def test_integer_programming_proves_the_same_optima_of_two_descriptors(cyclomatic, straights):
+    task = find_task("6x6B-straights-10000")
+    (index,) = np.flatnonzero((task.niches == [cyclomatic, straights]).all(axis=1))
+    value = solve(6, 6, False, cyclomatic, seconds=300, counted=("straights", straights))
+    assert value in (None, task.optimum[index])
 
 
 @pytest.mark.parametrize("size", [(3, 4, False), (4, 5, True), (4, 4, False), (5, 5, True)])
@@ -148,7 +213,7 @@ def test_the_checker_measures_as_the_oracle(number, repaired):
         grid = np.asarray(elitelanes_jax.repair(grid.astype(np.int8), np.zeros(grid.shape, bool))).astype(int)
     found, score = measure(grid), rescore(grid)
     flawless = found["components"] == 1 and not any(found[name] for name in FLAWS)
-    assert score == (fitness(found), found["cyclomatic"], flawless, bool(grid.all()))
+    assert score == (fitness(found), found["cyclomatic"], flawless, bool(grid.all()), found["bridges"])
 
 
 def witnesses(height, width, fill):

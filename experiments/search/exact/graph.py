@@ -56,7 +56,7 @@ def carry_best(
     source: NDArray[np.int32],
     target: NDArray[np.int32],
     gain: NDArray[np.int64],
-    shift: NDArray[np.int8] | None,
+    shift: NDArray[np.int16] | None,
     values: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Carries values along the edges of a cell. Of those that meet, the highest is kept.
@@ -87,7 +87,7 @@ def carry_counts(
     count: Integer,
     source: NDArray[np.int32],
     target: NDArray[np.int32],
-    shift: NDArray[np.int8],
+    shift: NDArray[np.int16],
     values: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Carries numbers along the edges of a cell, as `carry_best` does. Those that meet are added."""

@@ -8,10 +8,19 @@ import numba
 
 from experiments.search.exact.graph import Integer
 
-__all__ = ["BESIDE_TURN", "CLEAR", "CROSSING", "STRAIGHT", "TURN", "score_across", "tile_of"]
+__all__ = [
+    *("BESIDE_TURN", "CLEAR", "COUNTED", "CROSSING", "NO_TILE", "STRAIGHT", "TURN"),
+    *("score_across", "tile_of", "type_of"),
+]
 
 CLEAR, BESIDE_TURN, TURN, CROSSING, STRAIGHT = 0, 1, 2, 3, 3
 """The kinds. A straight of L tiles so far is ``STRAIGHT + L``. Kinds from `TURN` on have a link."""
+
+COUNTED = {"turns": 1, "crossings": 2, "straights": 3}
+"""The types of tiles that a sweep may count, as `type_of` returns them."""
+
+NO_TILE = 0
+"""The type of an empty cell."""
 
 
 @numba.njit(cache=True)
@@ -49,6 +58,18 @@ def tile_of(
     length = before - STRAIGHT + 1 if before > STRAIGHT else 1
     kind = STRAIGHT + (length if lengths else 1)
     return 2 * length - 1, kind * right, kind * down
+
+
+@numba.njit(cache=True)
+def type_of(left: Integer, up: Integer, right: Integer, down: Integer) -> int:
+    """Returns the type of a tile: one of `COUNTED`, or `NO_TILE`. See `tile_of` for the arguments."""
+    has_left, has_up = left >= TURN, up >= TURN
+    connections = has_left + has_up + right + down
+    if connections == 0:
+        return 0
+    if connections > 2:
+        return 2
+    return 1 if has_up != down else 3
 
 
 @numba.njit(cache=True)
