@@ -12,10 +12,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int32, Key
+from jaxtyping import Array, Int8, Int32, Key
 from numpy.typing import NDArray
 
-from elitelanes_jax import InputError, evolve
+from elitelanes_jax import InputError, evolve, measure
 from elitelanes_jax.benchmark import Task
 from elitelanes_jax.optimizers import (
     PRESETS,
@@ -34,11 +34,11 @@ from elitelanes_jax.optimizers.interop import (
     qdax_scoring_fn,
     ribs_archive_space,
 )
-from elitelanes_jax.problem import Population, Problem, insert, road_problem
+from elitelanes_jax.problem import Axis, Population, Problem, insert, road_problem
 from elitelanes_jax.search import MeasuredElites
 from experiments.common import Pytree, Untyped
 
-__all__ = ["ROWS", "TUNED", "Row", "Setting"]
+__all__ = ["ROWS", "TUNED", "Row", "Setting", "in_jax", "in_ribs", "make_qdax", "make_space", "ribs_on_logits"]
 
 
 Decode = Callable[[NDArray[np.floating]], Array | NDArray[np.int8]]
@@ -68,19 +68,41 @@ def _grids(archives: Sequence[Population | MeasuredElites]) -> NDArray[np.int8]:
     return np.stack(of_budgets, axis=1).astype(np.int8)
 
 
-def _in_jax(make: Callable[[Problem], Optimizer]) -> Play:
+def count_flaws(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
+    """Counts the flaws of a grid in a task of two descriptors that fills no cells."""
+    found = measure(grid)
+    at_cells = found.dead_ends + found.boundary_violations + found.mismatches + found.bridges
+    return at_cells + found.adjacent_crossings + found.adjacent_turns + abs(found.components - 1)
+
+
+def make_space(task: Task) -> dict[str, Untyped]:
+    """Returns the axes of the archives, and the features of them: options of `road_problem` and `evolve`.
+
+    With two descriptors each niche has an elite without flaws and one with flaws, a stepping stone.
+    """
+    if task.tiles is None:
+        return {"axes": road_problem(task.shape, "tuned").axes}
+    most = task.niches.max(axis=0).tolist()
+    axes = [Axis(name, 1 + last, 1) for name, last in zip(("cyclomatic", task.tiles), most, strict=True)]
+    return {"axes": (*axes, Axis("flaws", 2, 1, target=0)), "features": {"flaws": count_flaws}}
+
+
+def in_jax(make: Callable[[Problem], Optimizer]) -> Play:
     """Runs a loop in JAX. `make` returns an optimiser for a problem; its first state is one batch."""
 
     def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
-        problem = road_problem(task.shape, "tuned", fill=task.fill)
+        space = make_space(task)
+        problem = road_problem(task.shape, fill=task.fill, **space)
         batch = make(problem).evaluations_per_step
         keys, state, done, archives = seed_keys(0, seeds.stop)[seeds.start :], None, 1, []
-        for budget in budgets:
+        # The first batch is evaluated as a whole, so that smaller budgets end with an empty archive.
+        within = [budget for budget in budgets if budget >= batch]
+        for budget in within:
             result = evolve(
                 keys,
                 task.shape,
                 fill=task.fill,
-                axes=problem.axes,
+                **space,
                 optimizer=make,
                 generations=budget // batch - done,
                 state=state,
@@ -88,7 +110,8 @@ def _in_jax(make: Callable[[Problem], Optimizer]) -> Play:
             )
             state, done = result.state, budget // batch
             archives.append(result.elites)
-        return _grids(archives)
+        grids = _grids(archives)
+        return np.pad(grids, [(0, 0), (len(budgets) - len(within), 0), *[(0, 0)] * 3])
 
     return play
 
@@ -122,7 +145,7 @@ def _ea(problem: Problem) -> Optimizer:
     return Optimizer(init, step, lambda carried: carried[1], ea.evaluations_per_step)
 
 
-def _qdax(
+def make_qdax(
     problem: Problem,
     first: Callable[[Key[Array, ""], int], Array],
     grids: Callable[[Array], Array],
@@ -178,7 +201,7 @@ _BATCH, _CROSSED, _WEIGHTS = 16, 0.2, MoveWeights(fill_probability=0.0, refit=25
 def _qdax_moves(problem: Problem) -> Optimizer:
     """QDax's MAP-Elites with our moves: genotypes are grids."""
     vary = qdax_moves(problem, _WEIGHTS)
-    return _qdax(problem, problem.random, lambda grids: grids, vary, _BATCH, _CROSSED)
+    return make_qdax(problem, problem.random, lambda grids: grids, vary, _BATCH, _CROSSED)
 
 
 def _qdax_line(problem: Problem, *, batch: int, iso: float, line: float) -> Optimizer:
@@ -187,7 +210,7 @@ def _qdax_line(problem: Problem, *, batch: int, iso: float, line: float) -> Opti
 
     task = evosax_task(problem)
     vary = partial(isoline_variation, iso_sigma=iso, line_sigma=line)
-    return _qdax(
+    return make_qdax(
         problem,
         lambda key, count: jax.vmap(task.sample)(jax.random.split(key, count)),
         jax.vmap(task.decode),
@@ -263,11 +286,11 @@ def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> O
     return Optimizer(init, step, lambda carried: carried[1], population)
 
 
-def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
+def in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
     """Runs pyribs's loop. `make` returns, for a problem and a seed, a scheduler and what makes grids."""
 
     def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
-        problem = road_problem(task.shape, "tuned", fill=task.fill)
+        problem = road_problem(task.shape, fill=task.fill, **make_space(task))
         of_runs = []
 
         @jax.jit
@@ -295,7 +318,7 @@ def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
 
 def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: int) -> tuple[Untyped, Decode]:
     """Makes CMA-ME of pyribs on logits."""
-    return _ribs_on_logits(problem, seed, {}, {"ranker": ranker, "sigma0": sigma, "batch_size": batch})
+    return ribs_on_logits(problem, seed, {}, {"ranker": ranker, "sigma0": sigma, "batch_size": batch})
 
 
 def _ribs_cma_mae(
@@ -304,10 +327,10 @@ def _ribs_cma_mae(
     """Makes CMA-MAE of pyribs on logits. The least objective of its archive is `floor` times the number of cells."""
     thresholds = {"learning_rate": learning_rate, "threshold_min": floor * prod(problem.shape)}
     rules = {"ranker": "imp", "selection_rule": "mu", "restart_rule": "basic"}
-    return _ribs_on_logits(problem, seed, thresholds, rules | {"sigma0": sigma, "batch_size": batch})
+    return ribs_on_logits(problem, seed, thresholds, rules | {"sigma0": sigma, "batch_size": batch})
 
 
-def _ribs_on_logits(
+def ribs_on_logits(
     problem: Problem, seed: int, thresholds: dict[str, Untyped], emitter: dict[str, Untyped]
 ) -> tuple[Untyped, Decode]:
     """Makes five emitters of separable CMA-ES on logits, as in the tutorials of pyribs."""
@@ -371,7 +394,7 @@ _MIX = {"filling": (0.0, 0.05, 0.1, 0.3), "refit": (0, 8, 25)}
 
 TUNED: dict[str, tuple[Callable[..., Play], dict[str, tuple[Setting, ...]]]] = {
     "qdax-dns": (
-        lambda **settings: _in_jax(partial(_qdax_dns, **settings)),
+        lambda **settings: in_jax(partial(_qdax_dns, **settings)),
         {
             "population": (50, 100, 200, 400),
             "neighbours": (1, 3, 5, 15),
@@ -381,7 +404,7 @@ TUNED: dict[str, tuple[Callable[..., Play], dict[str, tuple[Setting, ...]]]] = {
         },
     ),
     "ribs-cma-mae": (
-        lambda **settings: _in_ribs(partial(_ribs_cma_mae, **settings)),
+        lambda **settings: in_ribs(partial(_ribs_cma_mae, **settings)),
         {
             "learning_rate": (0.001, 0.01, 0.1),
             "floor": (-300, -100, -30),
@@ -395,30 +418,30 @@ TUNED: dict[str, tuple[Callable[..., Play], dict[str, tuple[Setting, ...]]]] = {
 # Settings of other libraries' rows are the best of eight trials each, on 6 x 6 alone: results/tuning.
 ROWS = {
     **{
-        preset: Row(f"MAP-Elites, `{preset}`", _in_jax(partial(_preset, method="map-elites", preset=preset)))
+        preset: Row(f"MAP-Elites, `{preset}`", in_jax(partial(_preset, method="map-elites", preset=preset)))
         for preset in ("paper", "standard", "tuned")
     },
     "drawn": Row(
         "the same, no refitted strips, with the effort of the other libraries",
-        _in_jax(partial(_drawn, hottest=80, penalty=400, restart=0.0, filling=0.05, refit=25)),
+        in_jax(partial(_drawn, hottest=80, penalty=400, restart=0.0, filling=0.05, refit=25)),
     ),
-    "ea": Row("EA with restarts, `tuned`", _in_jax(_ea)),
-    "qdax-moves": Row("QDax: MAP-Elites, our moves", _in_jax(_qdax_moves)),
+    "ea": Row("EA with restarts, `tuned`", in_jax(_ea)),
+    "qdax-moves": Row("QDax: MAP-Elites, our moves", in_jax(_qdax_moves)),
     "qdax-line": Row(
-        "QDax: MAP-Elites, Iso+LineDD on logits", _in_jax(partial(_qdax_line, batch=128, iso=0.3, line=0.2))
+        "QDax: MAP-Elites, Iso+LineDD on logits", in_jax(partial(_qdax_line, batch=128, iso=0.3, line=0.2))
     ),
     "qdax-dns": Row(
         "QDax: Dominated Novelty Search, our moves",
-        _in_jax(partial(_qdax_dns, population=200, neighbours=1, batch=128, share=0.0, filling=0.1, refit=25)),
+        in_jax(partial(_qdax_dns, population=200, neighbours=1, batch=128, share=0.0, filling=0.1, refit=25)),
     ),
-    "ribs-cma": Row("pyribs: CMA-ME on logits", _in_ribs(partial(_ribs_cma, ranker="2imp", sigma=0.1, batch=72))),
+    "ribs-cma": Row("pyribs: CMA-ME on logits", in_ribs(partial(_ribs_cma, ranker="2imp", sigma=0.1, batch=72))),
     "ribs-cma-mae": Row(
         "pyribs: CMA-MAE on logits",
-        _in_ribs(partial(_ribs_cma_mae, learning_rate=0.01, floor=-30, sigma=1.0, batch=36)),
+        in_ribs(partial(_ribs_cma_mae, learning_rate=0.01, floor=-30, sigma=1.0, batch=36)),
     ),
-    "ribs-moves": Row("pyribs: genetic emitter, our moves", _in_ribs(_ribs_moves)),
+    "ribs-moves": Row("pyribs: genetic emitter, our moves", in_ribs(_ribs_moves)),
     "evosax": Row(
-        "evosax: SNES on logits, with restarts", _in_jax(partial(_evosax, population=16, restart=100, std=3.0))
+        "evosax: SNES on logits, with restarts", in_jax(partial(_evosax, population=16, restart=100, std=3.0))
     ),
 }
 """The rows by their names on the command line."""
