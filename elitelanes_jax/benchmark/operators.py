@@ -35,7 +35,7 @@ class OperatorSet(NamedTuple):
     """
 
     random: Callable[[Key[Array, ""], int], Array]
-    mutate: Callable[[Array | np.ndarray, Key[Array, ""]], Array]
+    mutate: Callable[[Array, Key[Array, ""]], Array]
 
 
 @name_wrong_arguments
@@ -133,7 +133,7 @@ class Operators:
         self.check("grids", parents)
         # Batches of few sizes need few compiled programs.
         padded = np.resize(parents, (_round_up(len(parents)), *self._task.shape))
-        return self._note(lambda key: self._mutate(padded, key), len(parents))
+        return self._note(lambda key: self._mutate(jnp.asarray(padded), key), len(parents))
 
     def check(self, subject: str, grids: Int8[np.ndarray, "B H W"]) -> None:
         """Raises `InputError` for a grid that these operators have not made."""

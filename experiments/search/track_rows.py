@@ -165,7 +165,7 @@ def _ribs(problem: Problem, seed: int, *, operators: str) -> tuple[Untyped, Deco
             if self.archive.empty:
                 return self.initial_solutions
             parents = as_grids(self.archive.sample_elites(_BATCH)["solution"])
-            return np.asarray(kit.mutate(parents, draw_key())).reshape(_BATCH, -1)
+            return np.asarray(kit.mutate(jnp.asarray(parents), draw_key())).reshape(_BATCH, -1)
 
     archive = GridArchive(**ribs_archive_space(problem), seed=seed)
     start = np.asarray(kit.random(draw_key(), _BATCH)).reshape(_BATCH, -1)
