@@ -37,7 +37,7 @@ from experiments.search.board_rows import Row
 from experiments.search.check_archive import count_tiles, rescore
 from experiments.search.track_rows import CITATIONS, TRACK_ROWS
 
-__all__ = ["PUBLISHED", "TASKS", "check_entry", "main", "read_entries"]
+__all__ = ["PUBLISHED", "TASKS", "check_entry", "main", "make_summary", "read_entries"]
 
 PUBLISHED = Path(__file__).parent / "results" / "leaderboard"
 """The entries of all published rows, a folder for each track."""
@@ -290,7 +290,8 @@ def _by_panel(entries: Sequence[Entry]) -> dict[tuple[str, str], list[Entry]]:
 
 
 def _write_page(entries: Sequence[Entry], out: Path) -> None:
-    parts = []
+    about = "Means of the runs, with intervals of 95 %."
+    parts = [f"# The leaderboard\n\n{about}\n", make_summary(entries), "## All scores\n"]
     for (track, task), rows in _by_panel(entries).items():
         lines = []
         for entry in rows:
@@ -298,14 +299,30 @@ def _write_page(entries: Sequence[Entry], out: Path) -> None:
             lines.append([entry["title"], entry["citation"], str(len(entry["seeds"])), *cells])
         head = ["search", "citation", "runs", "graded", "reliability (QD-score)", "coverage", "optimal"]
         parts.append(f"### {track}: {task}\n\n{table(head, lines, left=2)}")
-    parts.append(_separation(entries))
-    write(out / "leaderboard.md", "\n".join(parts))
+    write(out / "leaderboard.md", "\n".join(parts).rstrip() + "\n")
     _draw(entries, out / "curves.png")
+
+
+def make_summary(entries: Sequence[Entry]) -> str:
+    """Makes a table of graded scores for each track, and says which pairs of rows no task separates."""
+    parts = []
+    for track in TRACKS:
+        of_track = [entry for entry in entries if entry["track"] == track]
+        if not of_track:
+            continue
+        tasks = list(dict.fromkeys(entry["task"] for entry in of_track))
+        cells: dict[tuple[str, str], dict[str, str]] = {}
+        for entry in of_track:
+            scores = cells.setdefault((entry["title"], entry["citation"]), {})
+            scores[entry["task"]] = "{:.2f} ({:.2f} to {:.2f})".format(*_final(entry))
+        lines = [[*row, *(scores.get(task, "") for task in tasks)] for row, scores in cells.items()]
+        parts.append(f"**Track `{track}`**\n\n{table(['search', 'citation', *tasks], lines, left=2)}")
+    return "\n".join([*parts, _separation(entries)])
 
 
 def _separation(entries: Sequence[Entry]) -> str:
     """Says, for each track, which pairs of rows no task separates by intervals that do not overlap."""
-    lines = ["### Which rows are separated\n"]
+    lines = ["Pairs of searches whose intervals do not overlap in at least one task:\n"]
     for track in TRACKS:
         of_track = [rows for (name, _), rows in _by_panel(entries).items() if name == track]
         apart: dict[tuple[str, str], bool] = {}
@@ -316,9 +333,8 @@ def _separation(entries: Sequence[Entry]) -> str:
                 apart[pair] = apart.get(pair, False) or high < least or most < low
         never = [f"{one} and {other}" for (one, other), separated in apart.items() if not separated]
         if apart:
-            lines.append(
-                f"- **{track}**: {len(apart) - len(never)} of {len(apart)} pairs. Never: {'; '.join(never) or 'none'}."
-            )
+            rest = f" No task separates {'; '.join(never)}." if never else ""
+            lines.append(f"- `{track}`: {len(apart) - len(never)} of {len(apart)} pairs.{rest}")
     return "\n".join(lines) + "\n"
 
 
@@ -329,14 +345,13 @@ def _draw(entries: Sequence[Entry], file: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    panels = _by_panel(entries)
+    panels, titles = _by_panel(entries), sorted({entry["title"] for entry in entries})
     names = {"graded": "graded score", "reliability": "QD-score / niches", "coverage": "coverage", "optimal": "optimal"}
     figure, axes = plt.subplots(
         len(names), len(panels), figsize=(3.6 * len(panels), 11), layout="constrained", sharex=True, squeeze=False
     )
     for column, ((track, task), rows) in enumerate(panels.items()):
         for entry in rows:
-            titles = sorted({other["title"] for other in entries if other["track"] == track})
             number = titles.index(entry["title"])
             look = {"color": f"C{number % 10}", "linestyle": "-" if number < 10 else "--"}
             for axis, field in zip(axes[:, column], names, strict=True):

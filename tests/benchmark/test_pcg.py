@@ -55,7 +55,7 @@ def test_certified_networks_pass_and_random_ones_have_partial_quality(variant):
             assert 0 < roads.controlability(info, {"cyclomatic": np.int64(other)}) < 1
     random = np.random.default_rng(1).integers(4 if variant.has_links else 16, size=(5, *task.shape))
     codes = np.stack([read_links(grid) for grid in random]) if variant.has_links else random
-    flaws = measure_grids(codes, fill=task.fill).flaws
+    flaws = measure_grids(task, codes).flaws
     assert (flaws > 0).all()
     cells = task.shape[0] * task.shape[1]
     assert [roads.quality(roads.info(grid)) for grid in random] == pytest.approx((cells / (cells + flaws)).tolist())
