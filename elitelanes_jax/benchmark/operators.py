@@ -49,9 +49,12 @@ def find_operators(name: str, shape: tuple[int, int], *, fill: bool) -> Operator
     - ``moves``: starts from `Problem.random`; a mutation is that of `qdax_moves`, which repairs.
 
     Args:
-      name: one of `OPERATOR_SETS`.
+      name: ``tiles``, ``links`` or ``moves``.
       shape: (height, width).
-      fill: whether the repair of ``moves`` fills every cell.
+      fill: whether repair fills every cell.
+
+    Raises:
+      InputError: for another name or a bad shape.
     """
     check_named("operators", one_of(*OPERATOR_SETS), name)
     if name == "links":
@@ -105,10 +108,10 @@ def _links(shape: tuple[int, int]) -> OperatorSet:
 
 
 class Operators:
-    """A set of operators in the hands of one run. `run_task` makes it, and gives it to the search.
+    """The operators of one run, which `run_task` gives to the search.
 
-    A run may yield only grids that its operators have made. They make at most as many grids as the
-    task has evaluations; then the run ends.
+    A search may yield only grids that its operators have made. The run ends at the next call after
+    they have made as many grids as the task has evaluations.
     """
 
     def __init__(self, name: str, task: Task, seed: int) -> None:

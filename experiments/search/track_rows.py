@@ -235,7 +235,7 @@ TRACK_ROWS = {
 }
 """The rows of each track by their names on the command line."""
 
-_ANNEALED = "this package, [methods](../../../docs/methods.md)"
+_OURS = "this package"
 _MOURET = "Mouret and Clune, [arXiv 1504.04909](https://arxiv.org/abs/1504.04909)"
 _PYRIBS = "Tjanaka et al., [arXiv 2303.00191](https://arxiv.org/abs/2303.00191)"
 _QDAX = "Chalumeau et al., [JMLR 25, 2024](https://www.jmlr.org/papers/v25/23-1027.html)"
@@ -247,7 +247,7 @@ CITATIONS = {
     "qdax": _QDAX,
     "dns": "Bahlous-Boldi et al., [arXiv 2502.00593](https://arxiv.org/abs/2502.00593)",
     "ribs": _PYRIBS,
-    **dict.fromkeys(("paper", "standard", "tuned", "ea", "pso", "gwo"), _ANNEALED),
+    **dict.fromkeys(("paper", "standard", "tuned", "ea", "pso", "gwo"), _OURS),
     **dict.fromkeys(("qdax-moves", "qdax-line"), _QDAX),
     "ribs-moves": _PYRIBS,
     "ribs-cma": "Fontaine et al., [arXiv 1912.02400](https://arxiv.org/abs/1912.02400)",
