@@ -119,6 +119,9 @@ def test_the_published_entries_are_complete_and_on_the_page():
         assert leaderboard.check_entry(file).endswith(f"{len(entry['seeds'])} runs")
         assert f"| {entry['title']} | {entry['citation']} | {len(entry['seeds'])} |" in page
     assert len(files) >= 20
+    summary = leaderboard.make_summary(leaderboard.read_entries(leaderboard.PUBLISHED)).rstrip()
+    root = leaderboard.PUBLISHED.parents[3]
+    assert summary in page and summary in (root / "docs" / "leaderboard.md").read_text(encoding="utf-8")
 
 
 def test_each_row_has_a_citation():
