@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from elitelanes_jax import InputError
 from elitelanes_jax.benchmark import PAIRS, TRACKS, Submission, Task, confidence_interval, find_task, run_task
 from elitelanes_jax.search import use_compile_cache
-from experiments.common import Parser, leave, require, run, save, table, whole, write
+from experiments.common import Parser, Untyped, leave, require, run, save, table, whole, write
 from experiments.search.board_rows import Row
 from experiments.search.check_archive import count_tiles, rescore
 from experiments.search.track_rows import CITATIONS, TRACK_ROWS
@@ -350,6 +350,7 @@ def _draw(entries: Sequence[Entry], file: Path) -> None:
     figure, axes = plt.subplots(
         len(names), len(panels), figsize=(3.6 * len(panels), 11), layout="constrained", sharex=True, squeeze=False
     )
+    lines: dict[str, Untyped] = {}
     for column, ((track, task), rows) in enumerate(panels.items()):
         for entry in rows:
             number = titles.index(entry["title"])
@@ -357,16 +358,17 @@ def _draw(entries: Sequence[Entry], file: Path) -> None:
             for axis, field in zip(axes[:, column], names, strict=True):
                 values = np.array(entry[field])
                 low, high = zip(*(confidence_interval(of_runs) for of_runs in values.T), strict=True)
-                axis.plot(entry["evaluations"], values.mean(axis=0), label=entry["title"].replace("`", ""), **look)
+                (lines[entry["title"]],) = axis.plot(entry["evaluations"], values.mean(axis=0), **look)
                 axis.fill_between(entry["evaluations"], low, high, color=look["color"], alpha=0.15, linewidth=0)
         axes[0, column].set_title(f"{track}: {task.rpartition('-')[0]}")
-        axes[0, column].legend(fontsize=6)
         axes[-1, column].set_xlabel("evaluations of a run")
     for axis, label in zip(axes[:, 0], names.values(), strict=True):
         axis.set_ylabel(label)
     for axis in axes.flat:
         axis.set(xscale="log", ylim=(-0.02, 1.02))
         axis.grid(alpha=0.3)
+    labels = [title.replace("`", "") for title in titles]
+    figure.legend([lines[title] for title in titles], labels, loc="outside lower center", ncols=4, fontsize=8)
     save(figure, file)
 
 
