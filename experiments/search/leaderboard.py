@@ -324,18 +324,25 @@ def _separation(entries: Sequence[Entry]) -> str:
     """Says, for each track, which pairs of rows no task separates by intervals that do not overlap."""
     lines = ["Pairs of searches whose intervals do not overlap in at least one task:\n"]
     for track in TRACKS:
-        of_track = [rows for (name, _), rows in _by_panel(entries).items() if name == track]
-        apart: dict[tuple[str, str], bool] = {}
-        for rows in of_track:
+        apart = {field: _pairs(entries, track, field) for field in FIELDS[:2]}
+        never = [f"{one} and {other}" for (one, other), separated in apart["graded"].items() if not separated]
+        if apart["graded"]:
+            counts = [f"{sum(pairs.values())} by {field}" for field, pairs in apart.items()]
+            rest = f" The graded score separates in no task: {'; '.join(never)}." if never else ""
+            lines.append(f"- `{track}`: of {len(apart['graded'])} pairs {' and '.join(counts)}.{rest}")
+    return "\n".join(lines) + "\n"
+
+
+def _pairs(entries: Sequence[Entry], track: str, field: str) -> dict[tuple[str, str], bool]:
+    """Returns, for each pair of rows of a track, whether a task separates them."""
+    apart: dict[tuple[str, str], bool] = {}
+    for (name, _), rows in _by_panel(entries).items():
+        if name == track:
             for one, other in combinations(sorted(rows, key=lambda entry: entry["title"]), 2):
                 pair = one["title"], other["title"]
-                (_, low, high), (_, least, most) = _final(one), _final(other)
+                (_, low, high), (_, least, most) = _final(one, field), _final(other, field)
                 apart[pair] = apart.get(pair, False) or high < least or most < low
-        never = [f"{one} and {other}" for (one, other), separated in apart.items() if not separated]
-        if apart:
-            rest = f" No task separates {'; '.join(never)}." if never else ""
-            lines.append(f"- `{track}`: {len(apart) - len(never)} of {len(apart)} pairs.{rest}")
-    return "\n".join(lines) + "\n"
+    return apart
 
 
 def _draw(entries: Sequence[Entry], file: Path) -> None:
