@@ -325,7 +325,7 @@ def test_runs_keep_their_archive_at_every_budget():
     grids = np.concatenate([grids for grids, _ in seen])
     measured = [np.concatenate(parts) for parts in zip(*(measured for _, measured in seen), strict=True)]
     for index, budget in enumerate((10_000, 100_000)):
-        fitness, cyclomatic, flaws = (values[:budget] for values in measured)
+        fitness, cyclomatic, flaws, _ = (values[:budget] for values in measured)
         for niche in range(25):
             here = np.flatnonzero(cyclomatic == niche)
             kept = submission.grids[0, index, niche]
