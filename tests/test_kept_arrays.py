@@ -262,7 +262,7 @@ CASES = {
         lambda: {"image": np.array(load_tiles().tiles[0].image)},
     ),
     "Proposal": record(partial(Proposal, photo="", width=4, height=3, radial=0.0, score=1.0, advice=""), draw_proposal),
-    "Task": record(partial(Task, name="own", shape=(5, 5), fill=True, evaluations=10_000), draw_task),
+    "Task": record(partial(Task, name="own", shape=(5, 5), fill=True, evaluations=10_000, tiles=None), draw_task),
     "Submission": record(partial(Submission, find_task("5x5A-10000")), lambda: {"grids": MAPS[None, None]}),
     "Problem": record(partial(Problem, SHAPE, lambda grids: grids), lambda: {"initial": MAPS, "fixed": FIXED}),
     "LaneDriveParams": record(lambda **more: LaneDriveParams(levels(), **more), lambda: {"limit": np.int32([40, 50])}),
@@ -322,6 +322,7 @@ RESULTS = {
 
 VALUES = {
     *("Axis", "MapObject", "Move", "Environment", "Optimizer", "Search", "MapElitesConfig"),
+    *("Operators", "OperatorSet"),
     *("InputError", "NotEnoughMapsError", "SearchInterrupted"),
 }
 """What has numbers, texts, functions, tuples of these, and other public records."""
