@@ -23,6 +23,7 @@ from workers import interrupt, search
 from elitelanes_jax import InputError, RoadMap, SearchInterrupted, drive, measure, rotate
 from elitelanes_jax._util.engine import call_on_workers
 from elitelanes_jax._util.errors import MissingPackageError
+from elitelanes_jax.benchmark import Operators, OperatorSet
 from elitelanes_jax.drive.interop import GymnaxEnv
 from elitelanes_jax.formats import MapObject, make_plan
 from elitelanes_jax.optimizers import Move, Optimizer, interop
@@ -30,8 +31,8 @@ from elitelanes_jax.tiles import load_objects
 
 GRID = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
 
-# They hold functions that are made for a problem or a library. A worker makes its own.
-OF_FUNCTIONS = (Move, Optimizer, interop.EvosaxTask, GymnaxEnv)
+# They hold functions that are made for a problem, a run or a library. A worker makes its own.
+OF_FUNCTIONS = (Move, Optimizer, Operators, OperatorSet, interop.EvosaxTask, GymnaxEnv)
 RECORDS = [kind for kind in EVERY if isclass(kind) and kind not in OF_FUNCTIONS]
 
 

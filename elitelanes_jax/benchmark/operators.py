@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import jax
 import jax.numpy as jnp
@@ -111,7 +111,8 @@ class Operators:
     """The operators of one run, which `run_task` gives to the search.
 
     A search may yield only grids that its operators have made. The run ends at the next call after
-    they have made as many grids as the task has evaluations.
+    they have made as many grids as the task has evaluations. A call beyond that number repeats its
+    last grid. Operators cannot be copied, because a copy would make grids that nobody counts.
     """
 
     def __init__(self, name: str, task: Task, seed: int) -> None:
@@ -138,6 +139,9 @@ class Operators:
         padded = np.resize(parents, (_round_up(len(parents)), *self._task.shape))
         return self._note(lambda key: self._mutate(jnp.asarray(padded), key), len(parents))
 
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        raise InputError("operators", "one object in a run", "a copy")
+
     def check(self, subject: str, grids: Int8[np.ndarray, "B H W"]) -> None:
         """Raises `InputError` for a grid that these operators have not made."""
         for index, grid in enumerate(grids):
@@ -152,6 +156,9 @@ class Operators:
         if self._count >= self._task.evaluations:
             raise SpentError
         grids = np.array(make(fold_in(self._key, self._calls)))[:count]
+        # A search could otherwise choose among more grids than it may evaluate.
+        rest = self._task.evaluations - self._count
+        grids[rest:] = grids[min(count, rest) - 1]
         self._calls += 1
         self._count += count
         self._known.update(grid.tobytes() for grid in grids)

@@ -10,8 +10,9 @@ takes it, a text `TITLE` and a text `CITATION`. The program writes a raw archive
 each run after 100, 200, 500 and so on evaluations. `--all` runs all rows of all tracks. Entries that are complete are
 kept; the same command continues.
 
-`--check` checks all entries in a folder: their facts, and their scores from the archives, by NumPy and NetworkX alone.
-`--replay` also runs the first N seeds of each entry again, and compares the archives bit for bit.
+`--check` checks all entries in a folder: their facts, and their scores from the archives. NumPy and NetworkX alone
+measure all scores but the graded one. `--replay` also runs N seeds of each entry again, drawn at random, and compares
+the archives bit for bit.
 
 `--page` writes tables and curves. Entries of fewer than ten runs are left out.
 """
@@ -58,16 +59,19 @@ LEAST_RUNS = 10
 Entry = dict[str, Any]
 """`row`, `title`, `citation`, `track`, `task`, `version`, `seeds`, `evaluations`, `archives` and each of `FIELDS`.
 
-`archives` has the SHA-256 of the grids of each run.
+`archives` has the SHA-256 of the grids of each run. `program` has that of the row's own file, if it has one.
 """
+
+_TEXTS = ("row", "title", "citation", "track", "task")
 
 
 class Plan(NamedTuple):
-    """A row that can be run: its name, its file if it has one, and what the page says of it."""
+    """A row that can be run: its name, what the page says of it, and the SHA-256 of its file if it has one."""
 
     name: str
     row: Row
     citation: str
+    program: str | None = None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -82,7 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--all", action="store_true", help="run all rows of all tracks")
     parser.add_argument("--check", action="store_true", help="check all entries of the folder")
-    parser.add_argument("--replay", type=whole(0), default=0, metavar="N", help="with --check: run N seeds again")
+    parser.add_argument(
+        "--replay", type=whole(0), default=0, metavar="N", help="with --check: run N seeds again, drawn at random"
+    )
     parser.add_argument("--page", action="store_true", help="write tables and curves, with published rows")
     options = parser.parse_args(arguments)
     return run("leaderboard", lambda: _run(options))
@@ -129,6 +135,8 @@ def _find(name: str, track: str) -> Plan:
     file = Path(name)
     if file.suffix != ".py" or not file.is_file():
         raise InputError("ROW", f"one of {', '.join(TRACK_ROWS[track])}, or a file FILE.py", name)
+    if file.stem in TRACK_ROWS[track]:
+        raise InputError(file, "a name that no row of the track has", file.stem)
     facts = runpy.run_path(name)
     for key in ("TITLE", "CITATION"):
         if not isinstance(facts.get(key), str) or not facts[key].strip():
@@ -139,14 +147,18 @@ def _find(name: str, track: str) -> Plan:
     def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
         return run_task(task, facts["search"], seeds, operators=None if track == "open" else track).grids
 
-    return Plan(file.stem, Row(facts["TITLE"], play), facts["CITATION"])
+    return Plan(file.stem, Row(facts["TITLE"], play), facts["CITATION"], hashlib.sha256(file.read_bytes()).hexdigest())
 
 
 def _measure(plan: Plan, track: str, task: Task, runs: int, out: Path) -> None:
     """Runs a row on a task, and writes its archive and its entry, unless the entry has as many runs."""
     file = out / track / f"{plan.name}-{task.name}.json"
-    if file.exists() and len(_read(file)["seeds"]) >= runs:
-        print(f"{track}, {plan.name}, {task.name}: kept", flush=True)
+    if file.exists() and len((kept := _read(file))["seeds"]) >= runs:
+        if kept.get("program") != plan.program and plan.program is not None:
+            raise InputError(
+                file, f"results of this {plan.name}.py", "those of another", "delete the file to run it again"
+            )
+        print(f"{track}, {plan.name}, {task.name}: kept, {len(kept['seeds'])} runs", flush=True)
         return
     began = time.process_time()
     grids = plan.row.play(task, range(runs), task.budgets)
@@ -166,6 +178,7 @@ def _measure(plan: Plan, track: str, task: Task, runs: int, out: Path) -> None:
         "evaluations": list(task.budgets),
         "seconds": round(seconds, 1),
         "archives": [_digest(archive) for archive in grids],
+        "program": plan.program,
         **{field: np.round(of_runs[field], 4).tolist() for field in FIELDS},
     }
     write(file, json.dumps(entry) + "\n")
@@ -178,62 +191,98 @@ def _digest(archive: NDArray[np.int8]) -> str:
 
 
 def _read(file: Path) -> Entry:
+    """Reads an entry, and checks its facts.
+
+    Raises:
+      InputError: for a fact that is missing, or not what it should be.
+    """
     try:
         entry = json.loads(file.read_text(encoding="utf-8"))
-        keys = {"row", "title", "citation", "track", "task", "version", "seeds", "evaluations", "archives", *FIELDS}
+        keys = {*_TEXTS, "version", "seeds", "evaluations", "archives", *FIELDS}
         if missing := keys - set(entry):
             raise InputError(file, f"an entry with {', '.join(sorted(missing))}", "none")
+        scores = {field: np.array(entry[field], float) for field in FIELDS}
     except (ValueError, TypeError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(file, "an entry", repr(error)) from None
+    for text in _TEXTS:
+        if not isinstance(entry[text], str) or not entry[text].strip():
+            raise InputError(file, f"a text {text}", "none" if entry[text] == "" else repr(entry[text]))
+    task = _find_task(entry["task"])
+    seeds, archives = entry["seeds"], entry["archives"]
+    runs = len(seeds) if isinstance(seeds, list) else 0
+    _expect(file, "track", file.parent.name, entry["track"])
+    if entry["track"] not in TRACKS:
+        raise InputError(file, f"a track of {', '.join(TRACKS)}", entry["track"])
+    _expect(file, "a name of ROW-TASK", f"{entry['row']}-{task.name}", file.stem)
+    _expect(file, "version", task.version, entry["version"])
+    _expect(file, "seeds", list(range(max(runs, 1))), seeds)
+    _expect(file, "evaluations", list(task.budgets), entry["evaluations"])
+    _expect(file, "archives of runs:", runs, len(archives) if isinstance(archives, list) else repr(archives))
+    for field, values in scores.items():
+        _expect(file, f"{field} of shape", (runs, len(task.budgets)), values.shape)
+        if not ((values >= 0) & (values <= 1)).all():
+            raise InputError(file, f"{field} from 0 to 1", repr(entry[field])[:60])
     return entry
 
 
+def _expect(file: Path, fact: str, expected: object, got: object) -> None:
+    if expected != got:
+        raise InputError(file, f"{fact} {expected}", got)
+
+
 def check_entry(file: Path, replay: int = 0) -> str:
-    """Checks an entry, and its archive if it is beside it; returns what was checked, in one line.
+    """Checks an entry, its archive and its program if they are beside it; returns in one line what was checked.
 
     Raises:
       InputError: for a fact, a score or an archive that is not what it should be.
     """
     entry = _read(file)
     task, runs = _find_task(entry["task"]), len(entry["seeds"])
-
-    def expect(fact: str, expected: object, got: object) -> None:
-        if expected != got:
-            raise InputError(file, f"{fact} {expected}", got)
-
-    expect("track", file.parent.name, entry["track"])
-    expect("a name of ROW-TASK", f"{entry['row']}-{task.name}", file.stem)
-    expect("version", task.version, entry["version"])
-    expect("seeds", list(range(runs)), entry["seeds"])
-    expect("evaluations", list(task.budgets), entry["evaluations"])
-    expect("archives of runs:", runs, len(entry["archives"]))
-    if not str(entry["citation"]).strip():
-        raise InputError(file, "a citation", "none")
-    for field in FIELDS:
-        expect(f"{field} of shape", (runs, len(task.budgets)), np.shape(entry[field]))
     done = [f"{runs} runs"]
     if runs < LEAST_RUNS:
         done.append(f"a draft, because the board takes {LEAST_RUNS} or more")
     archive = file.with_suffix(".npz")
     if archive.exists():
         submission = Submission.load(archive)
-        expect("an archive of task", task.name, submission.task.name)
-        expect("an archive of track", entry["track"], submission.operators)
-        expect("archives", entry["archives"], [_digest(grids) for grids in submission.grids])
-        for field, values in _rescore(file, submission).items():
-            if np.abs(values - entry[field]).max() > 6e-5:
+        _expect(file, "an archive of task", task.name, submission.task.name)
+        _expect(file, "an archive of track", entry["track"], submission.operators)
+        changed = [
+            number
+            for number, (digest, grids) in enumerate(zip(entry["archives"], submission.grids, strict=False))
+            if digest != _digest(grids)
+        ]
+        if changed or len(submission.grids) != runs:
+            raise InputError(file, "archives with the entry's checksums", f"others in runs {changed} of {runs}")
+        for field, values in (_rescore(file, submission) | {"graded": submission.grade()}).items():
+            # A score that is no number is no match either.
+            if not (np.abs(values - entry[field]) <= 6e-5).all():
                 raise InputError(file, f"{field} as in the archive", "another")
-        expect("graded", np.round(submission.grade(), 4).tolist(), entry["graded"])
         done.append("scores measured again")
+    else:
+        done.append("scores not measured, because its archive is not here")
+    program = file.with_name(f"{entry['row']}.py")
+    is_known = entry["row"] in TRACK_ROWS[entry["track"]]
+    if is_known:
+        _expect(file, "a title", TRACK_ROWS[entry["track"]][entry["row"]].title, entry["title"])
+        _expect(file, "a citation", CITATIONS[entry["row"]], entry["citation"])
+    elif program.exists():
+        plan = _find(str(program), entry["track"])
+        _expect(file, "a title", plan.row.title, entry["title"])
+        _expect(file, "a citation", plan.citation, entry["citation"])
+        _expect(file, f"results of {program.name} with the checksum", plan.program, entry.get("program"))
     if replay:
-        program = file.with_name(f"{entry['row']}.py")
-        plan = _find(str(program) if program.exists() else entry["row"], entry["track"])
-        count = min(replay, runs)
-        again = [_digest(grids) for grids in plan.row.play(task, range(count), task.budgets)]
-        expect("archives of seeds run again", again, entry["archives"][:count])
-        done.append(f"{count} run again, equal bit for bit")
+        if not (is_known or program.exists()):
+            raise InputError(program, "the search of the row", "none", "copy it there")
+        plan = _find(entry["row"] if is_known else str(program), entry["track"])
+        # Nobody knows before which seeds are run again.
+        seeds = sorted(np.random.default_rng().choice(runs, min(replay, runs), replace=False).tolist())
+        for seed in seeds:
+            (grids,) = plan.row.play(task, range(seed, seed + 1), task.budgets)
+            if _digest(grids) != entry["archives"][seed]:
+                raise InputError(file, "seeds that give the same archive again", f"another of seed {seed}")
+        done.append(f"{len(seeds)} run again, equal bit for bit")
     return f"{file}: {', '.join(done)}"
 
 
@@ -361,13 +410,13 @@ def _draw(entries: Sequence[Entry], file: Path) -> None:
     for column, ((track, task), rows) in enumerate(panels.items()):
         for entry in rows:
             number = titles.index(entry["title"])
-            look = {"color": f"C{number % 10}", "linestyle": "-" if number < 10 else "--"}
+            look = {"color": f"C{number % 10}", "linestyle": ("-", "--", ":", "-.")[number // 10 % 4]}
             for axis, field in zip(axes[:, column], names, strict=True):
                 values = np.array(entry[field])
                 low, high = zip(*(confidence_interval(of_runs) for of_runs in values.T), strict=True)
                 (lines[entry["title"]],) = axis.plot(entry["evaluations"], values.mean(axis=0), **look)
                 axis.fill_between(entry["evaluations"], low, high, color=look["color"], alpha=0.15, linewidth=0)
-        axes[0, column].set_title(f"{track}: {task.rpartition('-')[0]}")
+        axes[0, column].set_title(f"{track}: {task}", fontsize=10)
         axes[-1, column].set_xlabel("evaluations of a run")
     for axis, label in zip(axes[:, 0], names.values(), strict=True):
         axis.set_ylabel(label)

@@ -1,7 +1,9 @@
 """The benchmark: its tasks stay as they are, scores mean what they say, and only honest archives are scored."""
 
+import copy
 import hashlib
 import json
+import pickle
 import re
 from pathlib import Path
 
@@ -500,3 +502,25 @@ def test_masked_numbers_are_refused():
 def test_a_score_is_a_finite_number_or_nan(any_types, values):
     with pytest.raises(InputError, match="^values: expected "):
         confidence_interval(values)
+
+
+def test_operators_make_no_more_grids_than_a_run_may_evaluate():
+    made = []
+
+    def search(task, rng, operators):
+        grids = operators.random(9_990)
+        yield grids
+        made.append(operators.mutate(grids[:50]))
+        yield made[0]
+
+    run_task("5x5B-straights-10000", search, seeds=1, operators="links")
+    assert (made[0][10:] == made[0][9]).all() and (made[0][8] != made[0][9]).any()
+
+
+@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_operators_are_not_copied(duplicate):
+    def search(task, rng, operators):
+        yield duplicate(operators).random(1)
+
+    with pytest.raises(InputError, match="operators: expected one object in a run, got a copy"):
+        run_task("5x5B-straights-10000", search, seeds=1, operators="links")

@@ -40,7 +40,7 @@ def unpublished(tmp_path_factory, monkeypatch):
 def test_a_stranger_adds_a_row_that_is_checked(tmp_path, capsys, unpublished):
     assert measure(tmp_path) == 0 and measure(tmp_path, "--check", "--replay", "1", "--page") == 0
     printed = capsys.readouterr().out
-    assert f"links, own, {TASK}: kept" in printed
+    assert f"links, own, {TASK}: kept, 10 runs" in printed
     assert "10 runs, scores measured again, 1 run again, equal bit for bit" in printed
     page = (tmp_path / "leaderboard.md").read_text()
     assert "| my climber | a stranger, 2026 | 10 | 0.0" in page and "0 of 0" not in page
@@ -67,13 +67,24 @@ def changed_archive(file, entry):
         (lambda file, entry: entry | {"seeds": list(range(1, 3))}, "expected seeds [0, 1], got [1, 2]"),
         (lambda file, entry: entry | {"evaluations": [100]}, "expected evaluations [100, 200, 500"),
         (lambda file, entry: entry | {"version": 1}, "expected version 2, got 1"),
-        (lambda file, entry: entry | {"citation": " "}, "expected a citation, got none"),
+        (lambda file, entry: entry | {"citation": " "}, "expected a text citation, got ' '"),
         (lambda file, entry: entry | {"track": "moves"}, "expected track links, got moves"),
         (lambda file, entry: entry | {"coverage": (np.array(entry["coverage"]) + 0.1).tolist()}, "coverage as in"),
-        (lambda file, entry: entry | {"graded": (np.array(entry["graded"]) + 0.1).tolist()}, "expected graded "),
-        (lambda file, entry: entry | {"archives": entry["archives"][::-1]}, "expected archives "),
+        (
+            lambda file, entry: entry | {"graded": (np.array(entry["graded"]) + 0.1).tolist()},
+            "graded as in the archive",
+        ),
+        (lambda file, entry: entry | {"archives": entry["archives"][::-1]}, "others in runs [0, 1] of 2"),
         (lambda file, entry: {name: entry[name] for name in entry if name != "task"}, "an entry with task"),
-        (changed_archive, "expected archives "),
+        (changed_archive, "others in runs [0] of 2"),
+        (lambda file, entry: entry | {"optimal": np.full(np.shape(entry["optimal"]), np.nan).tolist()}, "from 0 to 1"),
+        (lambda file, entry: entry | {"graded": np.full(np.shape(entry["graded"]), 7.5).tolist()}, "from 0 to 1"),
+        (lambda file, entry: entry | {"graded": [[1.0], [1.0, 1.0]]}, "expected an entry"),
+        (lambda file, entry: entry | {"seeds": 10}, "expected seeds [0], got 10"),
+        (lambda file, entry: entry | {"archives": None}, "expected archives of runs: 2, got None"),
+        (lambda file, entry: entry | {"title": None}, "expected a text title, got None"),
+        (lambda file, entry: entry | {"title": "best"}, "expected a title my climber, got best"),
+        (lambda file, entry: entry | {"program": "0"}, "expected results of own.py with the checksum"),
     ],
 )
 def test_the_checker_names_what_is_wrong(change, words, tmp_path, capsys, unpublished):
@@ -83,6 +94,23 @@ def test_the_checker_names_what_is_wrong(change, words, tmp_path, capsys, unpubl
     assert leaderboard.main(["--check", "--out", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"leaderboard: {file}: ") and words in line
+
+
+def test_entries_that_were_changed_are_neither_kept_nor_drawn(tmp_path, capsys, unpublished):
+    assert measure(tmp_path, runs=2) == 0
+    own = tmp_path / "links" / "own.py"
+    own.write_text(own.read_text() + "# Another search.\n")
+    line = [str(own), "--track", "links", "--tasks", TASK, "--runs", "2", "--out", str(tmp_path)]
+    assert leaderboard.main(line) == 2
+    assert "expected results of this own.py, got those of another" in capsys.readouterr().err
+    file = tmp_path / "links" / f"own-{TASK}.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"citation": 5}))
+    assert leaderboard.main(["--page", "--out", str(tmp_path)]) == 2
+    assert "expected a text citation, got 5" in capsys.readouterr().err
+    own.rename(own.with_name("map-elites.py"))
+    line[0] = str(own.with_name("map-elites.py"))
+    assert leaderboard.main(line) == 2
+    assert "expected a name that no row of the track has, got map-elites" in capsys.readouterr().err
 
 
 def test_the_checker_measures_witnesses_as_optimal(tmp_path):
@@ -117,7 +145,10 @@ def test_the_published_entries_are_complete_and_on_the_page():
     files = sorted(leaderboard.PUBLISHED.glob("*/*.json"))
     for file in files:
         entry = json.loads(file.read_text(encoding="utf-8"))
-        assert leaderboard.check_entry(file).endswith(f"{len(entry['seeds'])} runs")
+        runs = len(entry["seeds"])
+        assert leaderboard.check_entry(file).endswith(
+            f"{runs} runs, scores not measured, because its archive is not here"
+        )
         assert f"| {entry['title']} | {entry['citation']} | {len(entry['seeds'])} |" in page
     assert len(files) >= 20
     summary = leaderboard.make_summary(leaderboard.read_entries(leaderboard.PUBLISHED)).rstrip()
