@@ -8,6 +8,7 @@ refused a map, or counted something else.
 
 import argparse
 import json
+import signal
 import subprocess
 import sys
 import tempfile
@@ -83,6 +84,9 @@ class Reader(NamedTuple):
             command = [self.environment(), program, *files[len(said) :]]
             try:
                 done = subprocess.run(command, capture_output=True, timeout=SECONDS, check=False)
+                if done.returncode == -signal.SIGINT:
+                    # The user interrupted the reader, which says nothing about the file.
+                    raise KeyboardInterrupt
                 output, why = (
                     done.stdout,
                     f"ended with {done.returncode}: {done.stderr[-300:].decode(errors='replace')}",
@@ -297,10 +301,11 @@ def main() -> int:
         reader.environment()
     seen: dict[Reader, list[dict]] = {reader: [] for reader in chosen}
     try:
-        with Progress("readers", len(order), "maps") as progress, ThreadPoolExecutor(2) as pool:
+        with Progress("readers", len(order), "maps") as progress:
             for start in range(0, len(order), BATCH):
                 batch = [(every[index][0], every[index][1]()) for index in order[start : start + BATCH]]
-                with tempfile.TemporaryDirectory() as scratch:
+                # After an interruption, readers end before their files are removed.
+                with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(2) as pool:
                     files = {to: write_files(to, batch, Path(scratch, to)) for to in {one.format for one in chosen}}
                     found = {one: pool.submit(check, one, batch, files[one.format], known[one]) for one in chosen}
                     for reader, lines in found.items():
