@@ -59,7 +59,7 @@ RULES = {
 
 
 class Town(NamedTuple):
-    """A town of N lanes, of which some do not exist.
+    """A town of N lanes. Some of them do not exist, see `exists`.
 
     Attributes:
       onward: the lane after each turn, N for none.

@@ -40,7 +40,7 @@ SCORED, TOGETHER = 4096, 512
 """The levels that are scored, drawn uniformly, and how many a rollout has."""
 
 LEARNED = 2
-"""The rollouts from which the model of TRACED learns before it scores. It goes on learning, as in a training."""
+"""The rollouts from which the model of TRACED learns before it scores. The model also learns while it scores, as in a training."""
 
 WORST, HIGHEST = 0.01, 0.05
 """The share of levels that are to be found, and the share of levels with the highest scores, where they are sought."""
@@ -261,7 +261,7 @@ def _report(studies: list[Study]) -> str:
             by_stage = [[study["stages"][at][name][at_level] for study in studies] for at in range(len(stages))]  # type: ignore[literal-required]
             lines.append([f"{words}, {which}", *(with_interval(numbers, 2) for numbers in by_stage)])
     words = (
-        f"The share of the worst 1 % of levels that are among the 5 % with the highest scores, after so many rounds of"
+        "The share of the worst 1 % of levels that are among the 5 % with the highest scores. The columns are rounds of"
         f" domain randomisation. Means of {len(studies)} agents, and 95 % intervals.\n\n"
     )
     return "# The worst levels\n\n" + words + table(["score", *map(str, stages)], lines)
