@@ -40,7 +40,10 @@ SCORED, TOGETHER = 4096, 512
 """The levels that are scored, drawn uniformly, and how many a rollout has."""
 
 LEARNED = 2
-"""The rollouts from which the model of TRACED learns before it scores. The model also learns while it scores, as in a training."""
+"""The rollouts from which the model of TRACED learns before it scores.
+
+The model also learns while it scores, as in a training.
+"""
 
 WORST, HIGHEST = 0.01, 0.05
 """The share of levels that are to be found, and the share of levels with the highest scores, where they are sought."""
