@@ -199,6 +199,10 @@ def environments():
     }
     nav = drive.RoadNavParams(levels(), goal="both", whole_map=True, window=3)
     yield "RoadNav", Batch.each(partial(driven, drive.RoadNav, jax.device_put(nav)), keys(), jax.device_put(turns))
+    traffic = drive.RoadTrafficParams(drive.make_traffic_levels([RING]), robots=5, slots=2, strict=True)
+    choices = np.arange(5 * COUNT, dtype=np.int32).reshape(COUNT, 5) % 4
+    driven_traffic = partial(driven, drive.RoadTraffic, jax.device_put(traffic))
+    yield "RoadTraffic", Batch.each(driven_traffic, keys(), jax.device_put(choices))
     for name, more in settings.items():
         params = jax.device_put(drive.LaneDriveParams(levels(), **more))
         yield name, Batch.each(partial(driven, drive.LaneDrive, params), keys(), jax.device_put(wheels))

@@ -13,7 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from elitelanes_jax import Weights, evolve, fitness, measure, mirror, random_grids, repair, rotate
-from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels
+from elitelanes_jax.drive import (
+    LaneDrive,
+    LaneDriveParams,
+    RoadNav,
+    RoadNavParams,
+    RoadTraffic,
+    RoadTrafficParams,
+    make_levels,
+    make_traffic_levels,
+)
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.search import _compiling
 
@@ -47,11 +56,13 @@ def run_kernels():
 
 
 def run_environments():
-    levels = make_levels(jax.random.key(1), np.array([[[6, 7, 3], [10, 10, 10], [12, 13, 9]]], np.int8), 8)
+    maps = np.array([[[6, 7, 3], [10, 10, 10], [12, 13, 9]]], np.int8)
+    levels, towns = make_levels(jax.random.key(1), maps, 8), make_traffic_levels(maps)
     keys, found = jax.random.split(jax.random.key(2), 8), {}
     for name, environment, params, actions in (
         ("RoadNav", RoadNav, RoadNavParams(levels), jnp.arange(8) % 3),
         ("LaneDrive", LaneDrive, LaneDriveParams(levels), jnp.linspace(-1, 1, 16).reshape(8, 2)),
+        ("RoadTraffic", RoadTraffic, RoadTrafficParams(towns, robots=4), jnp.arange(32).reshape(8, 4) % 4),
     ):
         observed, states = jax.jit(jax.vmap(partial(environment.reset, params=params)))(keys)
         step = jax.vmap(partial(environment.step, params=params))

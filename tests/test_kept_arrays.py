@@ -39,6 +39,7 @@ from elitelanes_jax.drive import (
     LaneDriveParams,
     RoadNav,
     RoadNavParams,
+    RoadTrafficParams,
     Variation,
     auto_replay,
     film,
@@ -46,7 +47,9 @@ from elitelanes_jax.drive import (
     make_rides,
     make_scenes,
     make_sight,
+    make_traffic_levels,
     stream_views,
+    traffic_rule,
 )
 from elitelanes_jax.drive._batch import DISABLED, Batch
 from elitelanes_jax.drive.interop import GymnaxEnv
@@ -267,6 +270,11 @@ CASES = {
     "Problem": record(partial(Problem, SHAPE, lambda grids: grids), lambda: {"initial": MAPS, "fixed": FIXED}),
     "LaneDriveParams": record(lambda **more: LaneDriveParams(levels(), **more), lambda: {"limit": np.int32([40, 50])}),
     "RoadNavParams": record(lambda **more: RoadNavParams(levels(), **more), lambda: {"limit": np.int32([40, 50])}),
+    "RoadTrafficParams": Case(
+        lambda: {"levels": make_traffic_levels(MAPS), "rule": traffic_rule("traffic_light")},
+        lambda fields: RoadTrafficParams(**fields, robots=4),
+        lambda params: (params.levels, params.rule),
+    ),
     "Robot": record(Robot, lambda: {"noise": np.float32([0.1, 0.2])}),
     "Camera": record(Camera, lambda: {"height": np.float32([0.1, 0.2]), "ground": np.float32([[1, 2, 3]])}),
     "Variation": record(Variation, lambda: {"offset": np.float32([0.1, 0.2])}),
@@ -307,6 +315,8 @@ KEPT_BY = {
     "Level": ("LaneDrive", "RoadNav", "GymnaxEnv", "auto_replay"),
     "Objects": ("LaneDrive",),
     "Sight": ("sight",),
+    "TrafficLevels": ("RoadTrafficParams",),
+    "TrafficRule": ("RoadTrafficParams",),
     "Weights": ("road_problem",),
     "MeasuredElites": ("Result",),
     "History": ("Result",),

@@ -24,12 +24,21 @@ def test_environments_are_made_by_name(result, name):
     jax.tree.map(np.testing.assert_array_equal, same, params)
 
 
+def test_robots_that_share_towns_are_made_by_name(result):
+    environment, params = drive.make("RoadTraffic", result.maps(2), robots=3)
+    assert params.levels.grid.shape == (2, 6, 6)
+    observation, state = environment.reset(jax.random.key(0), params)
+    assert observation.allowed.shape == (3, 4) and state.lane.shape == (3,)
+
+
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
-        ("Maze", {}, "name: expected one of RoadNav, LaneDrive, got 'Maze'"),
+        ("Maze", {}, "name: expected one of RoadNav, LaneDrive, RoadTraffic, got 'Maze'"),
         ("RoadNav", {"seed": -1}, "seed: expected a whole number"),
         ("RoadNav", {"limit": 0}, "limit: expected a whole number"),
+        ("RoadTraffic", {"seed": 3}, "seed: expected None, because each map is a level, got 3"),
+        ("RoadTraffic", {"robots": 99}, "robots: expected at most 14, the slots of levels"),
     ],
 )
 def test_bad_environments_are_refused(name, options, words):

@@ -66,6 +66,7 @@ def records():
     collect(drive.LaneDrive.step(key, given["state"], np.zeros(2, np.float32), params))
     collect([params, load_objects(), make_plan(RoadMap(GRID, objects=(cone,)))])
     collect(drive.make_scenes([RoadMap(GRID)]))
+    collect(drive.RoadTrafficParams(drive.make_traffic_levels([GRID]), robots=2))
     collect([InputError("wrong", "more"), MissingPackageError("missing", "", "pip install it")])
     for kind in RECORDS:
         if kind not in found:

@@ -22,6 +22,12 @@ from ._objects import Objects as Objects
 from ._objects import make_objects as make_objects
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
+from ._road_traffic import RoadTraffic as RoadTraffic
+from ._road_traffic import RoadTrafficParams as RoadTrafficParams
+from ._traffic_levels import TrafficLevels as TrafficLevels
+from ._traffic_levels import make_traffic_levels as make_traffic_levels
+from ._traffic_rules import TrafficRule as TrafficRule
+from ._traffic_rules import traffic_rule as traffic_rule
 from ._variation import Variation as Variation
 from ._views import Views as Views
 from ._views import stream_views as stream_views

@@ -3,6 +3,9 @@
 Each environment has a stream of random keys. Its next step or reset takes the next key of the
 stream. Therefore environment i of a batch does the same, bit for bit, as an environment alone with
 the seed of environment i.
+
+To its callers, a batch of environments with R robots each has a row for each robot. An environment
+takes the seed and the level that its first robot gets.
 """
 
 from collections import Counter
@@ -89,7 +92,7 @@ def _flattened(environment: Environment, *, channels_first: bool) -> Environment
     """Does what `flattened` does, for an environment that is checked."""
 
     def to_array(observation: Pytree) -> Array:
-        array = flatten(observation)
+        array = (jax.vmap(flatten) if environment.shared else flatten)(observation)
         if channels_first and array.dtype == jnp.uint8:
             return jnp.moveaxis(array, -1, 0)
         return array
@@ -123,6 +126,7 @@ def _flattened(environment: Environment, *, channels_first: bool) -> Environment
         observe=observe,
         actions=environment.actions,
         action_size=environment.action_size,
+        shared=environment.shared,
     )
 
 
@@ -137,7 +141,8 @@ def check_module(params: Pytree, module: Untyped, name: str, argument: str, need
     if attribute is None:
         raise InputError(argument, f"the module {name}", shorten(repr(module)))
     if not isinstance(params, Record):
-        raise InputError("params", "RoadNavParams or LaneDriveParams", shorten(repr(params)))
+        expected = "RoadNavParams, LaneDriveParams or RoadTrafficParams"
+        raise InputError("params", expected, shorten(repr(params)))
 
 
 def check_render(render: UserValue) -> None:
@@ -158,8 +163,13 @@ def action_space(environment: Environment, spaces: Untyped) -> Untyped:
 
 
 def observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
-    """Returns the space of observations of a flattened environment, from a module with `Box`."""
+    """Returns the space of observations of a flattened environment, from a module with `Box`.
+
+    It is that of one robot.
+    """
     observation = _observation_shape(environment, params)
+    if environment.shared:
+        observation = jax.ShapeDtypeStruct(observation.shape[1:], observation.dtype)
     if observation.dtype == jnp.uint8:
         return spaces.Box(0, 255, observation.shape, np.uint8)
     return spaces.Box(-np.inf, np.inf, observation.shape)
@@ -182,6 +192,8 @@ def read_options(options: UserValue, *known: str) -> Mapping[str, UserValue]:
 
 class Outcome(NamedTuple):
     """What a step of a batch returns, as arrays of NumPy that the caller may write to.
+
+    There are N rows: one for each environment, or for each robot of each environment.
 
     Attributes:
       observation: float32 ``[N, size]`` or uint8 pictures; where an episode was reset, the first of
@@ -235,28 +247,34 @@ class Batch:
         *,
         channels_first: bool = False,
     ) -> None:
-        """Makes N = `envs` environments; see `flattened` for `channels_first`.
+        """Makes `envs` environments; see `flattened` for `channels_first`.
 
         Raises:
           InputError: for another number than 1 or more, anything but an environment, or arrays in
             the options.
         """
-        self.envs = check_named("envs", whole(1), envs)
+        self._count = check_named("envs", whole(1), envs)
         self.environment = flattened(environment, channels_first=channels_first)
         self.params = params
+        self.robots = params.robots if environment.shared else 1
+        # The rows that callers see.
+        self.envs = self._count * self.robots
         # Puts the numbers on the device once, because each would be transferred in every step.
         self._device_params = jax.device_put(params)
-        self._action = _action_shape(self.environment)
+        self._action = _action_shape(self.environment, params)
         self._mode = mode
         # The environments that have been reset.
-        self._begun = np.zeros(self.envs, bool)
+        self._begun = np.zeros(self._count, bool)
         # XLA simplifies a batch of one row to other arithmetic, with other last bits. Therefore
         # there are at least two.
-        self._rows = max(self.envs, 2)
+        self._rows = max(self._count, 2)
         states, result = _shapes(self.environment, self._device_params, self._rows)
         self._states = _Layout.of(states)
         reward, terminated, truncated, _ = result
-        if any(leaf.shape != (self._rows,) for leaf in (reward, terminated, truncated)):
+        reward_shape = (self._rows, self.robots) if environment.shared else (self._rows,)
+        if reward.shape != reward_shape or any(
+            leaf.shape != (self._rows,) for leaf in (terminated, truncated)
+        ):
             raise InputError(
                 "params", "numbers for all environments", "arrays, which only jax.vmap maps over"
             )
@@ -305,21 +323,18 @@ class Batch:
     ) -> np.ndarray:
         """Starts episodes in the chosen environments, by default in all.
 
-        Returns the observations of all environments.
+        Returns the observations of all rows.
 
         Args:
-          seeds: the seed of each environment, or None to go on with its keys. At first the keys are
-            random.
-          chosen: bool ``[N]``.
-          levels: the index of the level of each environment in ``params.levels``, or None where it
-            is drawn.
+          seeds: the seed of each row, or None to go on with its keys. At first the keys are random.
+          chosen: bool ``[N]``, the same for all robots of an environment.
+          levels: the index of the level of each row in ``params.levels``, or None where it is drawn.
 
         Raises:
           InputError: for seeds or levels out of range, or fewer or more of them.
         """
         indices = self._check_levels(levels)
-        if chosen is None:
-            chosen = np.ones(self.envs, bool)
+        chosen = np.ones(self._count, bool) if chosen is None else self._check_chosen(chosen)
         if seeds is not None:
             self._seed(seeds, chosen)
         # A single environment has two rows, which both get its values.
@@ -328,7 +343,26 @@ class Batch:
             self._carry, chosen_rows, indices, self._device_params, environment=self.environment
         )
         self._begun = self._begun | chosen
-        return _writable(observation)[: self.envs]
+        return self._to_rows(_writable(observation)[: self._count])
+
+    def _to_rows(self, array: np.ndarray) -> np.ndarray:
+        """Returns values of environments as values of rows.
+
+        The values of robots are the second axis. A value of a whole environment is repeated.
+        """
+        if not self.environment.shared:
+            return array
+        if array.ndim == 1:
+            return np.repeat(array, self.robots)
+        return array.reshape(-1, *array.shape[2:])
+
+    def _check_chosen(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Returns which environments are chosen, from the rows."""
+        by_robot = chosen.reshape(self._count, self.robots)
+        if (by_robot != by_robot[:, :1]).any():
+            expected = f"the same for all {self.robots} robots of an environment"
+            raise InputError("reset_mask", expected, shorten(repr(chosen)))
+        return by_robot[:, 0]
 
     def _check_levels(self, levels: Sequence[UserValue] | None) -> NDArray[np.int32] | None:
         """Returns the index of the level of each row, -1 where it is drawn; None if all are."""
@@ -341,7 +375,7 @@ class Batch:
         for level in levels:
             if level is not None and not (is_whole(level) and 0 <= level <= last):
                 raise InputError("level", f"a whole number, 0 to {last}", shorten(repr(level), 40))
-        indices = [-1 if level is None else int(level) for level in levels]
+        indices = [-1 if level is None else int(level) for level in levels[:: self.robots]]
         return np.resize(np.array(indices, np.int32), self._rows)
 
     def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:
@@ -352,7 +386,7 @@ class Batch:
             raise InputError("seed", expected, shorten(repr(seeds)))
         indices = []
         numbers = []
-        for index, seed in enumerate(seeds):
+        for index, seed in enumerate(seeds[:: self.robots]):
             if seed is None or not chosen[index]:
                 continue
             if not is_whole(seed) or not 0 <= seed < _SEEDS:
@@ -369,7 +403,8 @@ class Batch:
         """Starts a step with whole numbers ``[N]``, or real ones ``[N, action_size]``."""
         self._check_begun("step")
         array = self._check_actions(actions)
-        if self.envs < self._rows:
+        array = array.reshape(self._count, *self._action.shape)
+        if self._count < self._rows:
             array = np.repeat(array, self._rows, axis=0)
         self._carry, self._observations, self._packed_result = _step(
             self._carry,
@@ -392,10 +427,10 @@ class Batch:
         copied_others = [np.array(array) for array in others]
         reward, terminated, truncated, metrics = self._result.unpack((copied_stacks, copied_others))
         outcome = Outcome(observation, reward, terminated, truncated, metrics, reached)
-        if self.envs < self._rows:
+        if self._count < self._rows:
             # The second row is there only for XLA.
             outcome = jax.tree.map(lambda array: array[:1], outcome)
-        return outcome
+        return jax.tree.map(self._to_rows, outcome)
 
     def step(self, actions: UserValue) -> Outcome:
         """Makes a step; see `send` and `receive`."""
@@ -404,16 +439,16 @@ class Batch:
 
     @runs_jax
     def states(self, name: str) -> list[Pytree]:
-        """Returns the states, as arrays of NumPy.
+        """Returns the state of each environment, as arrays of NumPy.
 
         Before a reset, an error says that `name` needs it.
         """
         self._check_begun(name)
         states = self._states.unpack(jax.device_get(self._carry.state))
-        return [jax.tree.map(itemgetter(index), states) for index in range(self.envs)]
+        return [jax.tree.map(itemgetter(index), states) for index in range(self._count)]
 
     def spaces(self, spaces: Untyped) -> tuple[Untyped, Untyped]:
-        """Returns the spaces of the actions and of the observations of one environment.
+        """Returns the spaces of the actions and of the observations of one row.
 
         `spaces` is a module of spaces.
         """
@@ -433,7 +468,11 @@ class Batch:
         """Returns actions as an array of one dtype, so that JAX compiles one program."""
         array = read_actions(actions)
         action = self._action
-        shape = (self.envs, *action.shape)
+        shape = (
+            (self.envs, *action.shape[1:])
+            if self.environment.shared
+            else (self.envs, *action.shape)
+        )
         choices = self.environment.actions
         allowed_kinds = "iuf" if choices is None else "iu"
         if array.shape != shape or array.dtype.kind not in allowed_kinds:
@@ -458,16 +497,17 @@ def read_actions(actions: UserValue) -> np.ndarray:
         raise InputError("actions", "numbers", shorten(repr(actions))) from None
 
 
-def _action_shape(environment: Environment) -> jax.ShapeDtypeStruct:
-    """Returns the shape and dtype of one action."""
+def _action_shape(environment: Environment, params: Pytree) -> jax.ShapeDtypeStruct:
+    """Returns the shape and dtype of the action of one environment."""
+    robots = (params.robots,) if environment.shared else ()
     if environment.actions is not None:
-        return jax.ShapeDtypeStruct((), jnp.int32)
-    return jax.ShapeDtypeStruct((environment.action_size,), jnp.float32)
+        return jax.ShapeDtypeStruct(robots, jnp.int32)
+    return jax.ShapeDtypeStruct((*robots, environment.action_size), jnp.float32)
 
 
 def _shapes(environment: Environment, params: Pytree, envs: int) -> tuple[Pytree, Pytree]:
     """Returns the shapes and dtypes of the states, and of what `_result` returns."""
-    action = _action_shape(environment)
+    action = _action_shape(environment, params)
 
     def step(key: Array) -> tuple[Pytree, Pytree]:
         _, state = environment.reset(key, params)
@@ -559,7 +599,10 @@ def _step(
 
 
 def _zero_where(condition: Bool[Array, " N"], array: Array) -> Array:
-    return jnp.where(condition, jnp.zeros((), array.dtype), array)
+    """Returns an array ``[N, ...]`` with zeros where the condition is true."""
+    blank = jnp.zeros((), array.dtype)
+    zeroed: Array = jax.vmap(lambda is_zero, row: jnp.where(is_zero, blank, row))(condition, array)
+    return zeroed
 
 
 def _renew(
@@ -579,7 +622,7 @@ def _renew(
     def renew() -> Pytree:
         _, first = jax.vmap(environment.reset, (0, None))(keys, params)
         if levels is not None:
-            named = jax.tree.map(lambda part: part[jnp.maximum(levels, 0)], params.levels)
+            named = jax.vmap(params.levels.at)(jnp.maximum(levels, 0))
             _, on_named = jax.vmap(environment.reset_to_level, (0, 0, None))(keys, named, params)
             first = _choose(levels >= 0, on_named, first)
         return _choose(chosen, first, state)

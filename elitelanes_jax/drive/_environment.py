@@ -15,7 +15,6 @@ from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
-from elitelanes_jax.drive._levels import Level
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -79,26 +78,28 @@ class Environment(NamedTuple):
     Attributes:
       reset: (key, params) -> (observation, state), on a level drawn uniformly from
         ``params.levels``.
-      reset_to_level: (key, level, params) -> (observation, state).
+      reset_to_level: (key, level, params) -> (observation, state). A level is what the method `at`
+        of ``params.levels`` returns for an index.
       step: (key, state, action, params) -> `Transition`. It does not reset; see `auto_reset`.
       observe: (state, params) -> observation.
       actions: the number of discrete actions, or None for real ones.
       action_size: the number of values of a real action, each within -1 to 1; 0 for discrete ones.
+      shared: whether ``params.robots`` robots share a state. Then observations, actions, rewards and
+        metrics have an axis of robots. All robots terminate or are truncated together.
     """
 
     reset: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Pytree]]
-    reset_to_level: Callable[[Key[Array, ""], Level, Pytree], tuple[Pytree, Pytree]]
+    reset_to_level: Callable[[Key[Array, ""], Pytree, Pytree], tuple[Pytree, Pytree]]
     step: Callable[[Key[Array, ""], Pytree, Pytree, Pytree], Transition]
     observe: Callable[[Pytree, Pytree], Pytree]
     actions: int | None
     action_size: int = 0
+    shared: bool = False
 
 
-def draw_level(key: Key[Array, ""], levels: Level) -> Level:
-    """Draws a level uniformly from a batch; the key is consumed."""
-    # The levels may be arrays of NumPy, which a traced index cannot read.
-    index = randint(random_bits(key, ()), levels.grid.shape[0])
-    return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
+def draw_level(key: Key[Array, ""], levels: Pytree) -> Pytree:
+    """Draws a level uniformly from a batch, by its method `at`; the key is consumed."""
+    return levels.at(randint(random_bits(key, ()), levels.grid.shape[0]))
 
 
 @name_wrong_arguments
@@ -143,7 +144,7 @@ class ReplayState(NamedTuple):
     """
 
     state: Pytree
-    level: Level
+    level: Pytree
 
 
 @name_wrong_arguments
@@ -164,7 +165,7 @@ def auto_replay(environment: Environment) -> Environment:
         return reset_to_level(key, draw_level(key, params.levels), params)
 
     def reset_to_level(
-        key: Key[Array, ""], level: Level, params: Pytree
+        key: Key[Array, ""], level: Pytree, params: Pytree
     ) -> tuple[Pytree, ReplayState]:
         # JAX may read an array of NumPy after the call, so the copy comes first.
         level = jax.tree.map(frozen_copy, level)

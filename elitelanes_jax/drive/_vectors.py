@@ -58,8 +58,12 @@ def gymnasium_vector_env(
     ``params.levels``, and a list has an index or None for each. The attribute `params` may be
     replaced, also by ``set_attr("params", other)``. Later resets draw from the new levels.
 
+    With `RoadTraffic` each robot is a row, and the R robots of an environment are consecutive. An
+    environment takes the seed and the level of its first row. `render` has a picture for each
+    environment.
+
     Args:
-      environment: `RoadNav` or `LaneDrive`.
+      environment: `RoadNav`, `LaneDrive` or `RoadTraffic`.
       params: its options.
       gymnasium: the module ``gymnasium``.
       envs: the number of environments.
@@ -129,6 +133,7 @@ def gymnasium_vector_env(
             return done.observation, done.reward, done.terminated, done.truncated, infos
 
         def render(self) -> tuple[np.ndarray, ...] | None:
+            # Robots that share a state share its picture.
             return (
                 None
                 if draw is None
@@ -240,8 +245,11 @@ def sb3_vec_env(
     ``params.levels``. ``set_attr("params", other)`` replaces the options of all environments. Later
     resets draw from the new levels.
 
+    With `RoadTraffic` each robot is a row, and the R robots of an environment are consecutive. An
+    environment takes the seed and the level of its first row.
+
     Args:
-      environment: `RoadNav` or `LaneDrive`.
+      environment: `RoadNav`, `LaneDrive` or `RoadTraffic`.
       params: its options.
       stable_baselines3: the module ``stable_baselines3``.
       envs: the number of environments.
@@ -321,7 +329,8 @@ def sb3_vec_env(
                     "method_name", "render, the only method of one environment", method_name
                 )
             images = self.get_images()
-            return [images[index] for index in self._get_indices(indices)]
+            # Robots that share a state share its picture.
+            return [images[index // batch.robots] for index in self._get_indices(indices)]
 
         def env_is_wrapped(
             self, wrapper_class: type, indices: Iterable[int] | int | None = None
@@ -352,7 +361,7 @@ def puffer_env(
     buf: UserValue = None,
     seed: int = 0,
 ) -> PufferLibEnv:
-    """Makes a native environment of PufferLib 3, a `PufferEnv` of `envs` agents.
+    """Makes a native environment of PufferLib 3, a `PufferEnv` of `envs` environments.
 
     Pictures are ``[3, rows, columns]``. ``pufferlib.vector.make`` calls it: `buf` and `seed` are
     for that. Its backend `Multiprocessing` needs the start method spawn. The infos of a step are a
@@ -360,10 +369,10 @@ def puffer_env(
     `params` may be replaced. Later resets draw from the new levels.
 
     Args:
-      environment: `RoadNav` or `LaneDrive`.
+      environment: `RoadNav`, `LaneDrive` or `RoadTraffic`.
       params: its options.
       pufferlib: the module ``pufferlib``.
-      envs: the number of agents, each in an environment of its own.
+      envs: the number of environments. Each has one agent, or R of `RoadTraffic`.
       buf: the arrays that are written to; None for arrays of its own.
       seed: the seed of a reset that gets no seed, 0 to 2**32 - 1.
 

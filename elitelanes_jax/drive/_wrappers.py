@@ -4,7 +4,7 @@ This module does not import these libraries. Each wrapper takes the module of it
 argument.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Literal, overload
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import check_names
+from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import (
@@ -37,9 +37,11 @@ from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
 from elitelanes_jax.drive._levels import check_maps, draw_levels
 from elitelanes_jax.drive._library_types import GymnasiumEnv
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
+from elitelanes_jax.drive._road_traffic import RoadTraffic, RoadTrafficParams
+from elitelanes_jax.drive._traffic_levels import make_traffic_levels
 from elitelanes_jax.network.bits import seed_key
 
-_ENVIRONMENTS: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams]]] = {
+_ONE_ROBOT: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams]]] = {
     "RoadNav": (RoadNav, RoadNavParams),
     "LaneDrive": (LaneDrive, LaneDriveParams),
 }
@@ -69,31 +71,61 @@ def make(
 
 @overload
 def make(
-    name: str, maps: UserValue, *, count: int = ..., seed: int = ..., **settings: UserValue
-) -> tuple[Environment, RoadNavParams | LaneDriveParams]: ...
+    name: Literal["RoadTraffic"], maps: UserValue, **settings: UserValue
+) -> tuple[Environment, RoadTrafficParams]: ...
+
+
+@overload
+def make(
+    name: str,
+    maps: UserValue,
+    *,
+    count: int | None = ...,
+    seed: int | None = ...,
+    **settings: UserValue,
+) -> tuple[Environment, RoadNavParams | LaneDriveParams | RoadTrafficParams]: ...
 
 
 @name_wrong_arguments
 def make(
-    name: str, maps: UserValue, *, count: int = 256, seed: int = 0, **settings: UserValue
-) -> tuple[Environment, RoadNavParams | LaneDriveParams]:
-    """Returns an environment and its parameters, with random levels on the maps.
+    name: str,
+    maps: UserValue,
+    *,
+    count: int | None = None,
+    seed: int | None = None,
+    **settings: UserValue,
+) -> tuple[Environment, RoadNavParams | LaneDriveParams | RoadTrafficParams]:
+    """Returns an environment and its parameters, with levels on the maps.
+
+    The levels of `RoadNav` and `LaneDrive` are random. Those of `RoadTraffic` are the maps.
 
     Args:
-      name: "RoadNav" or "LaneDrive".
+      name: "RoadNav", "LaneDrive" or "RoadTraffic".
       maps: a `RoadMap`, several of one size, or integer codes ``[M, H, W]``.
-      count: the number of levels. Level i is on map i modulo M.
-      seed: the seed of the levels, 0 to 2**32 - 1.
-      settings: fields of `RoadNavParams` or `LaneDriveParams`, such as ``limit``.
+      count: the number of random levels, by default 256. Level i is on map i modulo M.
+      seed: the seed of random levels, 0 to 2**32 - 1, by default 0.
+      settings: fields of the parameters, such as ``limit``.
 
     Raises:
-      InputError: for another name, and as `make_levels` and the parameters do.
+      InputError: for another name, for a `count` or `seed` of `RoadTraffic`, and as `make_levels`,
+        `make_traffic_levels` and the parameters do.
     """
-    environment, params = _ENVIRONMENTS[check_named("name", one_of(*_ENVIRONMENTS), name)]
-    check_names(settings, [option for option in params.options() if option != "levels"])
-    key = seed_key(check_named("seed", SEED, seed))
-    levels = draw_levels(key, check_maps("maps", maps), count)
+    check_named("name", one_of(*_ONE_ROBOT, "RoadTraffic"), name)
+    if name == "RoadTraffic":
+        _check_settings(RoadTrafficParams, settings)
+        for argument, value in (("count", count), ("seed", seed)):
+            if value is not None:
+                raise InputError(argument, "None, because each map is a level", repr(value))
+        return RoadTraffic, RoadTrafficParams(make_traffic_levels(maps), **settings)
+    environment, params = _ONE_ROBOT[name]
+    _check_settings(params, settings)
+    key = seed_key(check_named("seed", SEED, 0 if seed is None else seed))
+    levels = draw_levels(key, check_maps("maps", maps), 256 if count is None else count)
     return environment, params(levels, **settings)
+
+
+def _check_settings(params: type[Record], settings: Mapping[str, UserValue]) -> None:
+    check_names(settings, [option for option in params.options() if option != "levels"])
 
 
 def _makers(params: Pytree, spaces: Untyped) -> Untyped:
@@ -103,6 +135,17 @@ def _makers(params: Pytree, spaces: Untyped) -> Untyped:
     """
     check_module(params, spaces, "gymnax.environments.spaces", "spaces", "Discrete")
     return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
+
+
+def _check_alone(environment: UserValue) -> None:
+    """Checks that the environment is not one of many robots."""
+    if isinstance(environment, Environment) and environment.shared:
+        raise InputError(
+            "environment",
+            "one of one robot",
+            "one of many robots",
+            "gymnasium_vector_env, jaxmarl_env and pettingzoo_env take it",
+        )
 
 
 class GymnaxEnv:
@@ -127,8 +170,10 @@ class GymnaxEnv:
             state, reward, done, info).
 
         Raises:
-          InputError: for options out of their range, or another module or number of values.
+          InputError: for an environment of many robots, options out of their range, or another
+            module or number of values.
         """
+        _check_alone(environment)
         if not is_whole(values) or values not in (5, 6):
             raise InputError("values", "5 or 6", repr(values))
         self._environment = flattened(environment)
@@ -219,8 +264,10 @@ def gymnasium_env(
         "rgb_array".
 
     Raises:
-      InputError: for options out of their range, another module, or a `render` that is no function.
+      InputError: for an environment of many robots, options out of their range, another module, or
+        a `render` that is no function.
     """
+    _check_alone(environment)
     check_module(params, gymnasium, "gymnasium", "gymnasium", "Env")
     check_render(render)
     # Gymnasium's environments do not reset by themselves.

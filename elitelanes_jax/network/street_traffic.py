@@ -87,7 +87,7 @@ def gridlock_potential(
 
     Args:
       codes: integer codes ``[H, W]``, repaired or not.
-      robots: the number of robots, 0 or more. A negative number counts as 0.
+      robots: the number of robots, 0 or more. A negative number counts as 0. NaN gives NaN.
       tile_size: side of a tile in metres, as for `gridlock_gamma`.
 
     Raises:
@@ -148,7 +148,7 @@ def _lanes(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def _links_on_loops(grid: Int8[Array, "H W"]) -> Bool[Array, "4 H W"]:
+def links_on_loops(grid: Int8[Array, "H W"]) -> Bool[Array, "4 H W"]:
     """Returns which tiles are linked on each side, without the roads that lead to dead ends."""
     height, width = grid.shape
 
@@ -177,7 +177,7 @@ def _find_streets(grid: Int8[Array, "H W"], tile_size: float) -> _Streets:
     count = len(after)
     index = np.arange(count, dtype=np.int32)
     heading, cell = np.divmod(index[:, None], count // 4)
-    links = _links_on_loops(grid).reshape(4, -1)
+    links = links_on_loops(grid).reshape(4, -1)
     # A robot enters a tile by the side behind it, and leaves by the side of its new heading.
     moves = links[(heading + 2) % 4, cell] & links[(heading + _TURNS) % 4, cell]
     came = jnp.pad(moves, ((0, 1), (0, 0)))[earlier, np.arange(3)]

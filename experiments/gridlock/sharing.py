@@ -16,16 +16,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
-from jaxtyping import Array, Bool, Float32, Float64, Key
+from jaxtyping import Array, ArrayLike, Bool, Float32, Float64, Int, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
+from elitelanes_jax.drive import RoadTraffic, RoadTrafficParams, TrafficLevels, make_traffic_levels
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, Pytree, kept, leave, open_results, run, table, whole, write
-from experiments.gridlock.robots import RULES, WAIT, Seen, Town, is_gridlock, make_town, move, observe, place
 from experiments.navigation.ppo import Driven, Driver, Ppo, begin, distribution, learn
 
-__all__ = ["POLICIES", "TOWNS", "Outcome", "drive", "main", "ratio", "stack_towns", "summarize", "train"]
+__all__ = ["POLICIES", "TOWNS", "Outcome", "drive", "main", "options_of", "ratio", "summarize", "train"]
+
+WAIT = 3
+"""The action that is no turn: 0 right, 1 straight, 2 left."""
 
 TOWNS = Path(__file__).parent / "results" / "shared_towns.json"
 """The codes of the towns of training, and of those of the test."""
@@ -64,7 +67,7 @@ def _study(options: Namespace) -> None:
     use_compile_cache()
     open_results(options.out, {"updates": options.updates, "runs": options.runs})
     towns = kept(TOWNS, make_shared_towns)
-    train_towns, test_towns = stack_towns(towns["train"]), stack_towns(towns["test"])
+    train_towns, test_towns = (make_traffic_levels(np.array(towns[half])) for half in ("train", "test"))
     runs = dict[str, Runs]()
     for name in POLICIES:
         file = options.out / "runs" / f"{name.replace(' ', '-')}.json"
@@ -75,7 +78,7 @@ def _study(options: Namespace) -> None:
     write(options.out / "sharing.md", "\n".join(tables))
 
 
-def _runs_of(name: str, train_towns: Town, test_towns: Town, options: Namespace) -> Runs:
+def _runs_of(name: str, train_towns: TrafficLevels, test_towns: TrafficLevels, options: Namespace) -> Runs:
     """Drives with a policy, which is trained before if it has to learn."""
     rule, policy = POLICIES[name]
     weights: list[Pytree] = []
@@ -84,8 +87,10 @@ def _runs_of(name: str, train_towns: Town, test_towns: Town, options: Namespace)
     keys = jax.random.split(jax.random.key(1000), options.runs)
 
     def drive_all(robots: int) -> Outcome:
-        of_town = partial(drive, policy=policy, rule=rule, robots=robots)
-        return jax.vmap(lambda key: jax.vmap(lambda town: of_town(key, town, *weights))(test_towns))(keys)
+        params = options_of(test_towns, rule, robots)
+        levels = jnp.arange(len(test_towns.grid))
+        of_town = partial(drive, policy=policy)
+        return jax.vmap(lambda key: jax.vmap(lambda level: of_town(key, level, params, *weights))(levels))(keys)
 
     return {str(robots): [field.tolist() for field in drive_all(robots)] for robots in (FEW, MANY)}
 
@@ -99,43 +104,43 @@ def make_shared_towns() -> dict[str, list[list[list[int]]]]:
     return {"train": [grids[index] for index in order[:COUNT]], "test": [grids[index] for index in order[COUNT:]]}
 
 
-def stack_towns(grids: Sequence[Sequence[Sequence[int]]]) -> Town:
-    """Returns towns of one size as one batch."""
-    return jax.tree.map(lambda *fields: jnp.stack(fields), *(make_town(np.array(grid)) for grid in grids))
+def options_of(towns: TrafficLevels, rule: str, robots: int, **more: bool) -> RoadTrafficParams:
+    """Returns the options of a run. By default it goes on after a gridlock."""
+    options: Pytree = {"rule": rule, "ends_in_gridlock": False, "limit": 2**20} | more
+    return RoadTrafficParams(towns, robots=robots, gridlock_cost=-GRIDLOCK, progress_reward=TILE, **options)
 
 
-def _least(costs: Float32[Array, "R 3"], seen: Seen) -> Array:
+def _least(costs: Float32[Array, "R 3"], seen: Pytree) -> Array:
     """Chooses the turn of least cost. A robot that cannot move waits."""
     turns = seen.allowed[:, :WAIT]
     return jnp.where(turns.any(axis=1), jnp.argmin(jnp.where(turns, costs, jnp.inf), axis=1), WAIT)
 
 
-def shortest(key: Array, seen: Seen) -> Array:
+def shortest(key: Array, seen: Pytree) -> Array:
     """Drives by shortest ways."""
-    return _least(seen.turns[:, :, 0], seen)
+    return _least(seen.detour, seen)
 
 
-def random_turns(key: Array, seen: Seen) -> Array:
+def random_turns(key: Array, seen: Pytree) -> Array:
     """Turns at random."""
     return _least(jax.random.uniform(key, seen.closes.shape), seen)
 
 
-def around_full_streets(key: Array, seen: Seen) -> Array:
+def around_full_streets(key: Array, seen: Pytree) -> Array:
     """Takes the turn of least tiles, where a full street counts 16: of 4, 8, 16, 24 and 32 this gave the most goals."""
-    return _least(8 * seen.turns[:, :, 0] + 16 * seen.turns[:, :, 2], seen)
+    return _least(seen.detour + 16 * seen.load, seen)
 
 
-def with_room(key: Array, seen: Seen) -> Array:
+def with_room(key: Array, seen: Pytree) -> Array:
     """Drives in the same way, but does not take the last lane of a street of two lanes or more."""
-    lanes = 4 * seen.here[:, 5]
-    robots = seen.here[:, 4] * lanes
-    fills = (seen.here[:, 1] > 0) & (lanes > 1.5) & (robots + 1.5 > lanes)
+    robots = seen.next_load * seen.next_slots
+    fills = seen.at_crossing & (seen.next_slots > 1.5) & (robots + 1.5 > seen.next_slots)
     return jnp.where(fills, WAIT, around_full_streets(key, seen))
 
 
-def along_the_line(key: Array, seen: Seen) -> Array:
+def along_the_line(key: Array, seen: Pytree) -> Array:
     """Drives by shortest ways, but not into a lane and turn that would close a line of waiting robots."""
-    turn = _least(seen.turns[:, :, 0] + 1000 * seen.closes, seen)
+    turn = _least(seen.detour + 1000 * seen.closes, seen)
     closes = jnp.take_along_axis(jnp.pad(seen.closes, ((0, 0), (0, 1))), turn[:, None], axis=1)[:, 0]
     return jnp.where(closes, WAIT, turn)
 
@@ -154,92 +159,106 @@ class Robots(nn.Module):
         return memory, jnp.where(allowed, logits, -1e9), nn.Dense(1)(value)[..., 0]
 
 
-def features(seen: Seen) -> tuple[Float32[Array, "R 25"], Bool[Array, "R 4"]]:
-    """Returns what the policy sees: the streets ahead, not the line of waiting robots, and the possible choices."""
-    return jnp.concatenate([seen.here, seen.turns.reshape(-1, 18)], axis=1), seen.allowed
+def features(seen: Pytree) -> tuple[Float32[Array, "R 25"], Bool[Array, "R 4"]]:
+    """Returns what the policy sees: the streets ahead, not the line of waiting robots, and the possible choices.
+
+    Its numbers are about 1 at most: tiles are divided by 8, steps by 16, and slots and robots by 4.
+    """
+    waited = seen.waited.clip(0, 16) / 16
+    crossings = seen.at_crossing, seen.next_at_crossing
+    here = [seen.goal_distance / 8, *crossings, waited, seen.next_load, seen.next_slots / 4, seen.next_robots / 4]
+    detour = seen.detour.clip(0, 32) / 8
+    turns = [detour, seen.taken, seen.load, seen.slots / 4, seen.least_load, seen.most_load]
+    columns = [jnp.asarray(field, jnp.float32) for field in (*here, *jnp.concatenate(turns, axis=1).T)]
+    return jnp.stack(columns, axis=1), seen.allowed
 
 
-def learned(key: Array, seen: Seen, weights: Pytree) -> Array:
+def learned(key: Array, seen: Pytree, weights: Pytree) -> Array:
     """Draws choices from the policy with these weights."""
     outputs: Pytree = Robots().apply(weights, jnp.zeros((1, 0)), _row(features(seen)), jnp.zeros((1, 1), bool))
     return jax.random.categorical(key, outputs[1][0])
 
 
 POLICIES: dict[str, tuple[str, Policy]] = {
-    "all-way stop": ("all-way stop", shortest),
-    "right before left": ("right before left", shortest),
-    "random turns": ("all-way stop", random_turns),
-    "around full streets": ("all-way stop", around_full_streets),
-    "with room": ("all-way stop", with_room),
-    "along the line": ("all-way stop", along_the_line),
-    **{f"learned {seed}": ("all-way stop", learned) for seed in range(SEEDS)},
+    "all-way stop": ("allway_stop", shortest),
+    "right before left": ("right_before_left", shortest),
+    "random turns": ("allway_stop", random_turns),
+    "around full streets": ("allway_stop", around_full_streets),
+    "with room": ("allway_stop", with_room),
+    "along the line": ("allway_stop", along_the_line),
+    **{f"learned {seed}": ("allway_stop", learned) for seed in range(SEEDS)},
 }
 """The rule at crossings and the choices of the robots, by name."""
 
 
-def train(key: Key[Array, ""], towns: Town, ppo: Ppo) -> Pytree:
+def train(key: Key[Array, ""], towns: TrafficLevels, ppo: Ppo) -> Pytree:
     """Trains the policy of all robots by PPO; returns its weights. The key is consumed.
 
     A robot gets 0.1 for each tile nearer to its goal. A gridlock ends the episode, and costs 10 for each robot in it.
     """
     starting, learning = jax.random.split(key)
-    traffic = jax.vmap(partial(place, robots=MANY))(jax.random.split(starting, ppo.envs), towns)
-    driver = begin(starting, _see_all(towns, traffic), traffic, Robots(), ppo)
+    params = options_of(towns, "allway_stop", MANY, ends_in_gridlock=True)
+    seen, traffic = _begin(starting, jnp.arange(ppo.envs), params)
+    driver = begin(starting, _see_all(seen), traffic, Robots(), ppo)
     for update in range(ppo.updates):
-        driver = _update(jax.random.fold_in(learning, update), driver, towns, ppo)
+        driver = _update(jax.random.fold_in(learning, update), driver, params, ppo)
     return driver.weights
 
 
-def _see_all(towns: Town, traffic: Pytree) -> Pytree:
+def _begin(key: Array, levels: Array, params: RoadTrafficParams) -> tuple[Pytree, Pytree]:
+    """Returns the observations and the states of new episodes."""
+    keys = jax.random.split(key, len(levels))
+    return jax.vmap(RoadTraffic.reset_to_level, (0, 0, None))(keys, levels, params)
+
+
+def _see_all(seen: Pytree) -> Pytree:
     """Returns the features of the robots of all towns, as one batch of robots."""
-    seen = jax.vmap(lambda town, traffic: features(observe(town, traffic)))(towns, traffic)
-    return jax.tree.map(lambda x: x.reshape(-1, x.shape[-1]), seen)
+    return jax.tree.map(lambda x: x.reshape(-1, x.shape[-1]), jax.vmap(features)(seen))
 
 
 @partial(jax.jit, static_argnames="ppo")
-def _update(key: Array, driver: Driver, towns: Town, ppo: Ppo) -> Driver:
+def _update(key: Array, driver: Driver, params: RoadTrafficParams, ppo: Ppo) -> Driver:
     driving, learning, placing = jax.random.split(key, 3)
 
     def look(seen: Pytree) -> Pytree:
         return Robots().apply(driver.weights, driver.memory, _row(seen), driver.first[None])
 
-    def step(carry: Pytree, key: Array) -> tuple[Pytree, Driven]:
+    def step(carry: tuple[Pytree, Pytree], key: Array) -> tuple[Pytree, Driven]:
         traffic, seen = carry
         choosing, going, starting = jax.random.split(key, 3)
         _, head, value = look(seen)
         draw, chance_of, _ = distribution(head[0], discrete=True)
         choice = draw(choosing)
         keys = jax.random.split(going, ppo.envs)
-        after, reward, over = jax.vmap(_step_town)(keys, towns, traffic, choice.reshape(ppo.envs, MANY))
-        traffic, ended = _place_again(starting, towns, after, over), jnp.repeat(over, MANY)
+        done = jax.vmap(RoadTraffic.step, (0, 0, 0, None))(keys, traffic, choice.reshape(ppo.envs, MANY), params)
+        after, ended = _place_again(starting, params, done.state, done.terminated), jnp.repeat(done.terminated, MANY)
         chance = chance_of(choice)
-        driven = Driven(seen, driver.first, choice, chance, value[0], value[0], reward.ravel(), ended, ended)
-        return (traffic, _see_all(towns, traffic)), driven
+        driven = Driven(seen, driver.first, choice, chance, value[0], value[0], done.reward.ravel(), ended, ended)
+        return (after, _see_all(_look_at(after, params))), driven
 
     (traffic, seen), driven = jax.lax.scan(step, (driver.states, driver.seen), jax.random.split(driving, ppo.steps))
     # Within an update only a gridlock ends an episode. So what comes after a step is what the next step begins with.
     driven = driven._replace(after=jnp.concatenate([driven.value[1:], look(seen)[2]]))
     learner = driver.weights, driver.optimizer, driver.memory
     weights, optimizer = learn(learning, *learner, driven, Robots(), ppo, discrete=True)
-    traffic = _place_again(placing, towns, traffic, traffic.time >= EPISODE)
-    return driver._replace(weights=weights, optimizer=optimizer, states=traffic, seen=_see_all(towns, traffic))
+    traffic = _place_again(placing, params, traffic, traffic.steps >= EPISODE)
+    return driver._replace(
+        weights=weights, optimizer=optimizer, states=traffic, seen=_see_all(_look_at(traffic, params))
+    )
+
+
+def _look_at(traffic: Pytree, params: RoadTrafficParams) -> Pytree:
+    """Returns the observations of the robots of all towns."""
+    return jax.vmap(RoadTraffic.observe, (0, None))(traffic, params)
 
 
 def _row(tree: Pytree) -> Pytree:
     return jax.tree.map(lambda x: x[None], tree)
 
 
-def _step_town(key: Array, town: Town, traffic: Pytree, choice: Array) -> tuple[Pytree, Array, Array]:
-    """Returns the traffic after a step, the robots' rewards, and whether there is a gridlock."""
-    after, _ = move(key, town, traffic, choice, RULES["all-way stop"])
-    nearer = town.distance[traffic.lane, traffic.goal] - town.distance[after.lane, traffic.goal]
-    is_stuck = is_gridlock(town, after)
-    return after, TILE * nearer + GRIDLOCK * is_stuck, is_stuck.any()
-
-
-def _place_again(key: Array, towns: Town, traffic: Pytree, over: Array) -> Pytree:
+def _place_again(key: Array, params: RoadTrafficParams, traffic: Pytree, over: Array) -> Pytree:
     """Places robots anew in the towns whose episode is over."""
-    new = jax.vmap(partial(place, robots=MANY))(jax.random.split(key, len(over)), towns)
+    _, new = _begin(key, traffic.level, params)
     return jax.tree.map(lambda a, b: jnp.where(over.reshape(-1, *[1] * (a.ndim - 1)), a, b), new, traffic)
 
 
@@ -251,27 +270,31 @@ class Outcome(NamedTuple):
     goals: Array
 
 
-@partial(jax.jit, static_argnames=("policy", "rule", "robots", "steps"))
+@partial(jax.jit, static_argnames=("policy", "steps"))
 def drive(
-    key: Key[Array, ""], town: Town, *more: Pytree, policy: Policy, rule: str, robots: int, steps: int = STEPS
+    key: Key[Array, ""],
+    level: Int[ArrayLike, ""],
+    params: RoadTrafficParams,
+    *more: Pytree,
+    policy: Policy,
+    steps: int = STEPS,
 ) -> Outcome:
     """Drives robots through a town; the key is consumed. The policy also gets `more`."""
     placing, driving = jax.random.split(key)
 
-    def step(carry: tuple[Pytree, Outcome], key: Array) -> tuple[tuple[Pytree, Outcome], None]:
-        traffic, outcome = carry
+    def step(carry: tuple[Pytree, Pytree, Outcome], key: Array) -> tuple[tuple[Pytree, Pytree, Outcome], None]:
+        seen, traffic, outcome = carry
         choosing, going = jax.random.split(key)
-        is_free = ~is_gridlock(town, traffic).any()
-        choice = policy(choosing, observe(town, traffic), *more)
-        traffic, reached = move(going, town, traffic, choice, RULES[rule])
-        goals = reached.sum(dtype=jnp.int32)
-        return (
-            traffic,
-            Outcome(*(x + y for x, y in zip(outcome, (is_free, is_free * goals, goals), strict=True))),
-        ), None
+        is_free = ~traffic.gridlocked.any()
+        done = RoadTraffic.step(going, traffic, policy(choosing, seen, *more), params)
+        goals = done.info.reached.sum(dtype=jnp.int32)
+        counts = is_free, is_free * goals, goals
+        outcome = Outcome(*(x + y for x, y in zip(outcome, counts, strict=True)))
+        return (done.observation, done.state, outcome), None
 
-    carry = place(placing, town, robots), Outcome(*[jnp.int32(0)] * 3)
-    return jax.lax.scan(step, carry, jax.random.split(driving, steps))[0][1]
+    start = RoadTraffic.reset_to_level(placing, level, params)
+    carry = *start, Outcome(*[jnp.int32(0)] * 3)
+    return jax.lax.scan(step, carry, jax.random.split(driving, steps))[0][2]
 
 
 def ratio(values: Float64[np.ndarray, " N"], others: Float64[np.ndarray, " N"]) -> list[float]:

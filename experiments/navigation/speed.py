@@ -3,6 +3,7 @@
 python -m experiments.navigation.speed [--quick]
 
 A thousand environments step at once and start anew, on one of 10,000 maps of 12 x 12 tiles, where an episode ends.
+32 robots of RoadTraffic share each of 64 maps, and a step is that of all of them.
 Seconds are those of the one core that this process is pinned to; those of compiling, by the clock.
 """
 
@@ -30,6 +31,8 @@ from elitelanes_jax.drive import (
     Pose,
     RoadNav,
     RoadNavParams,
+    RoadTraffic,
+    RoadTrafficParams,
     Sight,
     Variation,
     auto_reset,
@@ -37,6 +40,7 @@ from elitelanes_jax.drive import (
     make_levels,
     make_scenes,
     make_sight,
+    make_traffic_levels,
     random_pose,
     views,
 )
@@ -82,6 +86,11 @@ def measured(count: int, batch: int) -> Iterator[tuple[str, Begin, Step]]:
     levels = make_levels(jax.random.key(1), grids)
     yield "RoadNav, window 5 x 5", *_of_ours(RoadNav, RoadNavParams(levels, window=5), _turn)
     yield "LaneDrive, lane poses", *_of_ours(LaneDrive, LaneDriveParams(levels), _steer)
+    traffic = RoadTrafficParams(make_traffic_levels(grids[:64]), robots=32)
+    yield "RoadTraffic, 32 robots", *_of_ours(RoadTraffic, traffic, _choose)
+    without_end = traffic.replace(ends_in_gridlock=False, limit=2**30)
+    yield "RoadTraffic, 32 robots, no new episodes", *_of_traffic(without_end, observes=True)
+    yield "RoadTraffic, 32 robots, no observations", *_of_traffic(without_end, observes=False)
     tiles = load_tiles()
     maps = jnp.resize(grids, (batch, *SHAPE))
     for words, noise in (("with labels", None), ("and noise", 3.0)):
@@ -130,6 +139,18 @@ def _turn(keys: Key[Array, " B"], state: Pytree) -> Array:
 
 def _steer(keys: Key[Array, " B"], state: Pytree) -> Array:
     return jnp.stack([0.4 - 2 * state.d, 0.4 + 2 * state.d], axis=-1)
+
+
+def _choose(keys: Key[Array, " B"], state: Pytree) -> Array:
+    return (jax.random.key_data(keys)[:, :1] + np.arange(32, dtype=np.uint32)).astype(jnp.int32) % 4
+
+
+def _of_traffic(params: RoadTrafficParams, *, observes: bool) -> tuple[Begin, Step]:
+    def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
+        done = jax.vmap(RoadTraffic.step, in_axes=(0, 0, 0, None))(keys, state, _choose(keys, state), params)
+        return done.state, (done.reward, done.terminated, done.observation if observes else None)
+
+    return lambda keys: jax.vmap(RoadTraffic.reset, in_axes=(0, None))(keys, params)[1], step
 
 
 def _of_ours(environment: Environment, params: Pytree, act: Callable[[Array, Pytree], Array]) -> tuple[Begin, Step]:

@@ -13,8 +13,11 @@ from elitelanes_jax.drive import (
     LaneDriveParams,
     RoadNav,
     RoadNavParams,
+    RoadTraffic,
+    RoadTrafficParams,
     Transition,
     make_levels,
+    make_traffic_levels,
 )
 from elitelanes_jax.drive._batch import DISABLED, NEXT_STEP, SAME_STEP, Batch, flattened
 from elitelanes_jax.network.bits import seed_key
@@ -236,3 +239,51 @@ def test_actions_beyond_32_bits_are_clipped():
         batch.reset([7, 0, 9])
         outcomes.append(batch.step(np.array(actions)).observation)
     np.testing.assert_array_equal(*outcomes)
+
+
+@pytest.mark.parametrize("mode", [NEXT_STEP, SAME_STEP, DISABLED])
+def test_robots_that_share_a_town_are_rows(mode):
+    params = RoadTrafficParams(make_traffic_levels(drawn_maps(1, 3, (4, 5), fill=True)), robots=5, limit=4)
+    batch = Batch(RoadTraffic, params, 3, mode)
+    loops = [Loop(RoadTraffic, params, seed) for seed in (7, 0, 9)]
+    seeds = np.repeat([7, 0, 9], 5)
+    assert batch.envs == 15
+    np.testing.assert_array_equal(batch.reset(seeds), np.concatenate([loop.reset() for loop in loops]))
+    over, ends = np.zeros(3, bool), 0
+    for actions in np.random.default_rng(0).integers(0, 4, (12, 15)):
+        outcome = batch.step(actions)
+        for index, loop in enumerate(loops):
+            rows = slice(5 * index, 5 * index + 5)
+            if mode == NEXT_STEP and over[index]:
+                np.testing.assert_array_equal(outcome.observation[rows], loop.reset())
+                assert not outcome.reward[rows].any() and not outcome.truncated[rows].any()
+                assert not any(metric[rows].any() for metric in outcome.metrics.values())
+                over[index] = False
+                continue
+            done = loop.step(actions[rows].astype(np.int32))
+            for name in ("reward", "terminated", "truncated"):
+                assert (getattr(outcome, name)[rows] == getattr(done, name)).all()
+            for name, metric in done.info.items():
+                np.testing.assert_array_equal(outcome.metrics[name][rows], metric)
+            np.testing.assert_array_equal(outcome.reached[rows], done.reached)
+            over[index] = done.terminated | done.truncated
+            ends += over[index]
+            expected = loop.reset() if mode == SAME_STEP and over[index] else done.observation
+            np.testing.assert_array_equal(outcome.observation[rows], expected)
+        if mode == DISABLED and over.any():
+            seen = batch.reset(None, np.repeat(over, 5))
+            for index in np.flatnonzero(over):
+                np.testing.assert_array_equal(seen[5 * index : 5 * index + 5], loops[index].reset())
+            over[:] = False
+    assert ends > 5
+    alone = Batch(RoadTraffic, params, 1, mode)
+    np.testing.assert_array_equal(alone.reset([7] * 5), batch.reset(seeds)[:5])
+    actions = np.arange(15) % 4
+    for one, three in zip(alone.step(actions[:5]), batch.step(actions), strict=True):
+        jax.tree.map(np.testing.assert_array_equal, one, jax.tree.map(lambda part: part[:5], three))
+    batch.reset(levels=np.repeat([2, 0, 1], 5))
+    assert [state.level for state in batch.states("states")] == [2, 0, 1]
+    with pytest.raises(InputError, match="^reset_mask: expected the same for all 5 robots of an environment, got"):
+        batch.reset(None, np.arange(15) < 7)
+    with pytest.raises(InputError, match=r"^actions: expected whole numbers \[15\], got int64 \[3\]"):
+        batch.step(np.zeros(3, int))

@@ -13,25 +13,35 @@ from elitelanes_jax.drive import (
     LaneDriveParams,
     RoadNav,
     RoadNavParams,
+    RoadTraffic,
+    RoadTrafficParams,
     auto_replay,
     auto_reset,
     make_levels,
+    make_traffic_levels,
 )
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import Robot, drive, still
 
 SHAPE, COUNT = (4, 5), 16
+ROBOTS = 20
 ROUGH = Robot(noise=0.1, latency=0.5, trim=0.02)
 ENVIRONMENTS = {
     "road-nav": (RoadNav, RoadNavParams, {"limit": 9, "goal": "both"}),
     "lane-drive": (LaneDrive, LaneDriveParams, {"limit": 15, "robot": ROUGH, "task": "lane"}),
+    "road-traffic": (RoadTraffic, RoadTrafficParams, {"limit": 9, "robots": ROBOTS}),
 }
+FULL = np.array([[6, 7, 7, 7, 3], [14, 15, 15, 15, 11], [14, 15, 15, 15, 11], [12, 13, 13, 13, 9]], np.int8)
 every_environment = pytest.mark.parametrize("name", list(ENVIRONMENTS))
 
 
 @cache
 def made(name, seed=1):
     environment, settings, few = ENVIRONMENTS[name]
+    if name == "road-traffic":
+        # The tables of towns have the same shape if both batches have a town with all roads.
+        maps = np.concatenate([[FULL], drawn_maps(seed, COUNT - 1, SHAPE, fill=True)])
+        return environment, settings(make_traffic_levels(maps), **few)
     return environment, settings(make_levels(jax.random.key(seed), drawn_maps(seed, COUNT, SHAPE)), **few)
 
 
@@ -44,7 +54,8 @@ def programs(name):
 
 def draw_actions(environment, rng):
     if environment.actions:
-        return rng.integers(0, environment.actions, COUNT).astype(np.int32)
+        shape = (COUNT, ROBOTS) if environment.shared else COUNT
+        return rng.integers(0, environment.actions, shape).astype(np.int32)
     return rng.uniform(0.2, 1, (COUNT, environment.action_size)).astype(np.float32)
 
 
@@ -109,7 +120,10 @@ def test_other_levels_and_numbers_compile_nothing_and_a_state_goes_in_as_it_came
     for _, state, _, done in second:
         one, other = (jax.tree.map(lambda part: (part.shape, part.dtype), tree) for tree in (state, done.state))
         assert one == other
-    assert any((one.grid != two.grid).any() for one, (_, two, *_) in zip(first, second, strict=True))
+    if name == "road-traffic":
+        assert any((one.lane != two.lane).any() for one, (_, two, *_) in zip(first, second, strict=True))
+    else:
+        assert any((one.grid != two.grid).any() for one, (_, two, *_) in zip(first, second, strict=True))
 
 
 @pytest.mark.usefixtures("any_types")
@@ -153,7 +167,8 @@ def test_states_keep_their_dtypes_with_numbers_of_64_bits(robot):
 def test_a_level_begins_again_when_its_episode_ends(name):
     environment, params = made(name)
     replaying, keys = auto_replay(environment), jax.random.split(jax.random.key(5), COUNT)
-    _, state = jax.vmap(replaying.reset_to_level, (0, 0, None))(keys, params.levels, params)
+    levels = jax.vmap(params.levels.at)(np.arange(COUNT))
+    _, state = jax.vmap(replaying.reset_to_level, (0, 0, None))(keys, levels, params)
     step = jax.jit(jax.vmap(replaying.step, (0, 0, 0, None)))
     plain = jax.jit(jax.vmap(environment.step, (0, 0, 0, None)))
     rng, ends = np.random.default_rng(0), 0
@@ -163,11 +178,13 @@ def test_a_level_begins_again_when_its_episode_ends(name):
         done = jax.device_get(step(keys, state, action, params))
         inner = jax.vmap(jax.random.fold_in, (0, None))(keys, 0)
         close(done.reward, plain(inner, state.state, action, params).reward)
-        ended, start = done.terminated | done.truncated, params.levels.start
-        assert jax.tree.all(jax.tree.map(np.array_equal, done.state.level, params.levels))
+        ended = done.terminated | done.truncated
+        assert jax.tree.all(jax.tree.map(np.array_equal, done.state.level, levels))
+        if name == "road-traffic":
+            assert (done.state.state.level == levels).all() and (done.state.state.steps[ended] == 0).all()
         if name == "road-nav":
             assert (done.state.state.tiles[ended] == 0).all()
-            assert (done.state.state.node.row == start.row)[ended].all()
+            assert (done.state.state.node.row == params.levels.start.row)[ended].all()
         ends += ended.sum()
         state = done.state
     assert ends > COUNT / 2

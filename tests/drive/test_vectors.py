@@ -13,11 +13,25 @@ import pytest
 from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, load_tiles
-from elitelanes_jax.drive import Camera, LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_sight
+from elitelanes_jax.drive import (
+    Camera,
+    LaneDrive,
+    LaneDriveParams,
+    RoadNav,
+    RoadNavParams,
+    RoadTraffic,
+    RoadTrafficParams,
+    make_levels,
+    make_sight,
+    make_traffic_levels,
+)
+from elitelanes_jax.drive._batch import Batch
 from elitelanes_jax.drive.interop import (
     GymnaxEnv,
     gymnasium_env,
     gymnasium_vector_env,
+    jaxmarl_env,
+    pettingzoo_env,
     puffer_env,
     sb3_vec_env,
 )
@@ -440,3 +454,125 @@ def test_what_gymnasium_does_not_take_is_named():
     ):
         with pytest.raises(InputError, match=f"^{message}"):
             call()
+
+
+@pytest.fixture(scope="module")
+def traffic():
+    levels = make_traffic_levels(drawn_maps(1, 3, (4, 5), fill=True))
+    return RoadTraffic, RoadTrafficParams(levels, robots=5, limit=6)
+
+
+def test_robots_that_share_a_town_are_rows_of_gymnasium(traffic):
+    gymnasium = pytest.importorskip("gymnasium")
+    vector = gymnasium_vector_env(*traffic, gymnasium, envs=3, render=lambda state: np.zeros((2, 2, 3), "u1"))
+    assert vector.num_envs == 15 and vector.single_action_space == gymnasium.spaces.Discrete(4)
+    seen, _ = vector.reset(seed=3, options={"level": 1})
+    assert seen in vector.observation_space and len(vector.render()) == 3
+    lengths = set()
+    vector = gymnasium.wrappers.vector.RecordEpisodeStatistics(vector)
+    vector.reset(seed=3)
+    for _ in range(20):
+        # The first four numbers of an observation are the actions that make sense.
+        mask = (seen[:, :4] > 0).astype(np.int8)
+        seen, *_, infos = vector.step(vector.action_space.sample(mask=tuple(mask)))
+        lengths |= set(infos.get("episode", {"l": []})["l"])
+    assert 6 in lengths
+    with pytest.raises(InputError, match="^environment: expected one of one robot, got one of many robots"):
+        gymnasium_env(*traffic, gymnasium)
+
+
+def test_stable_baselines3_trains_robots_that_share_a_town(traffic):
+    stable_baselines3 = pytest.importorskip("stable_baselines3")
+    vector = sb3_vec_env(*traffic, stable_baselines3, envs=3, render=lambda state: np.full((2, 2, 3), state.level))
+    assert vector.num_envs == 15
+    vector.set_options([{"level": index // 5} for index in range(15)])
+    vector.reset()
+    assert [int(picture[0, 0, 0]) for picture in vector.env_method("render", indices=[0, 4, 5, 14])] == [0, 0, 1, 2]
+    model = stable_baselines3.PPO("MlpPolicy", vector, n_steps=8, batch_size=40, n_epochs=1, seed=0)
+    model.learn(240)
+    assert set(vector.metrics) == {"reached", "goals", "tiles", "gridlocked"}
+
+
+def test_pufferlib_has_an_agent_for_each_robot(traffic):
+    pufferlib = pytest.importorskip("pufferlib")
+    vectors = pytest.importorskip("pufferlib.vector")
+    puffer = vectors.make(
+        puffer_env, env_args=[*traffic, pufferlib], env_kwargs={"envs": 3}, num_envs=2, backend=vectors.Serial
+    )
+    seen, _ = puffer.reset(seed=3)
+    assert puffer.num_agents == 30 and seen in puffer.observation_space
+    told = []
+    for _ in range(14):
+        told += puffer.step(puffer.action_space.sample())[4]
+    assert told and all(info["tiles"] >= info["goals"] for info in told)
+
+
+def test_pettingzoo_takes_it(traffic):
+    pettingzoo = pytest.importorskip("pettingzoo")
+    from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+    def make():
+        return pettingzoo_env(*traffic, pettingzoo, render=lambda state: np.full((2, 2, 3), state.level))
+
+    with pytest.warns(UserWarning, match="pettingzoo_env: expected the option level, got 'options'"):
+        parallel_api_test(make(), num_cycles=50)
+    parallel_seed_test(make)
+    env, batch = make(), Batch(*traffic, 1, "Disabled")
+    observations, infos = env.reset(seed=4, options={"level": 2})
+    assert env.num_agents == 5 and env.render()[0, 0, 0] == 2
+    np.testing.assert_array_equal(list(observations.values()), batch.reset([4] * 5, levels=[2] * 5))
+    for _ in range(6):
+        masks = {agent: info["action_mask"] for agent, info in infos.items()}
+        actions = {agent: env.action_space(agent).sample(mask=masks[agent]) for agent in env.agents}
+        observations, rewards, terminated, truncated, infos = env.step(actions)
+        done = batch.step(list(actions.values()))
+        np.testing.assert_array_equal(list(observations.values()), done.observation)
+        assert list(rewards.values()) == done.reward.tolist()
+        assert list(terminated.values()) == done.terminated.tolist()
+        assert list(truncated.values()) == done.truncated.tolist()
+        assert [info["goals"] for info in infos.values()] == done.metrics["goals"].tolist()
+    assert not env.agents
+    with pytest.raises(InputError, match="^step: expected a reset, because no robot drives, got none"):
+        env.step(actions)
+    env.reset()
+    with pytest.raises(InputError, match="^actions: expected an action of each agent, robot_0 to robot_4, got"):
+        env.step({"robot_0": 1})
+
+
+@pytest.mark.usefixtures("any_types")
+def test_jaxmarl_takes_it(traffic):
+    jaxmarl = pytest.importorskip("jaxmarl")
+    from jaxmarl.environments.multi_agent_env import MultiAgentEnv
+
+    environment, params = traffic
+    env = jaxmarl_env(*traffic, jaxmarl)
+    assert isinstance(env, MultiAgentEnv) and env.num_agents == 5 and env.agents[4] == "agent_4"
+    assert env.action_space("agent_0").n == 4 and env.name == "RoadTraffic"
+    key, ends = jax.random.key(0), 0
+    observations, state = env.reset(key)
+    seen, expected = jax.jit(environment.reset)(key, params)
+    step = jax.jit(environment.step)
+    for number in range(20):
+        assert observations["agent_3"].shape == env.observation_space("agent_3").shape
+        available = env.get_avail_actions(state)
+        np.testing.assert_array_equal(list(available.values()), seen.allowed)
+        np.testing.assert_array_equal(env.get_obs(state)["agent_2"], observations["agent_2"])
+        actions = {agent: jax.numpy.int32((number + index) % 4) for index, agent in enumerate(env.agents)}
+        key = jax.random.key(number)
+        # JaxMARL resets with the second half of the key, and steps with the first one.
+        stepping, resetting = jax.random.split(key)
+        observations, state, rewards, dones, infos = env.step(key, state, actions)
+        done = step(stepping, expected, jax.numpy.stack(list(actions.values())), params)
+        np.testing.assert_array_equal(list(rewards.values()), done.reward)
+        over = bool(done.terminated | done.truncated)
+        assert set(dones) == {*env.agents, "__all__"} and all(bool(end) == over for end in dones.values())
+        assert {info.shape for info in infos.values()} == {(5,)}
+        np.testing.assert_array_equal(infos["goals"], done.info.goals)
+        seen, expected = environment.reset(resetting, params) if over else (done.observation, done.state)
+        jax.tree.map(np.testing.assert_array_equal, state, expected)
+        ends += over
+    assert ends > 2
+    with pytest.raises(InputError, match="^params: expected it in params of a new environment, got an attribute"):
+        env.params = params
+    with pytest.raises(InputError, match="^environment: expected one of many robots, such as RoadTraffic, got"):
+        jaxmarl_env(RoadNav, RoadNavParams(LEVELS), jaxmarl)
