@@ -433,7 +433,7 @@ def test_what_gymnasium_does_not_take_is_named():
         ),
         (
             lambda: gymnasium_vector_env(RoadNav, None, gymnasium),
-            "params: expected RoadNavParams or LaneDriveParams, got None",
+            "params: expected RoadNavParams, LaneDriveParams or RoadTrafficParams, got None",
         ),
         (
             lambda: gymnasium_vector_env(RoadNav, params, gymnasium, autoreset_mode="never"),

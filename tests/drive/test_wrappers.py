@@ -123,7 +123,10 @@ def test_gymnasium_accepts_them(environment, params, levels, seeing):
 def test_what_is_wrong_is_named(params):
     for wrap, message in (
         (lambda: GymnaxEnv(RoadNav, params, None), "spaces: expected the module gymnax.environments.spaces, got None"),
-        (lambda: GymnaxEnv(RoadNav, None, SPACES), "params: expected RoadNavParams, LaneDriveParams or RoadTrafficParams, got None"),
+        (
+            lambda: GymnaxEnv(RoadNav, None, SPACES),
+            "params: expected RoadNavParams, LaneDriveParams or RoadTrafficParams, got None",
+        ),
         (lambda: GymnaxEnv(RoadNav, params, SPACES, values=7), "values: expected 5 or 6, got 7"),
         (lambda: gymnasium_env(RoadNav, params, None), "gymnasium: expected the module gymnasium, got None"),
     ):
