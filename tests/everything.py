@@ -30,7 +30,7 @@ ENVIRONMENTS = {
     "test": Environment(".venv", ("networkx", "numba")),
     "interop": Environment(".venv-interop", ("qdax", "evosax", "ribs")),
     "cluster": Environment(".venv-cluster", ("distributed", "submitit", "cloudpickle")),
-    "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax")),
+    "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax", "jaxmarl", "pettingzoo")),
     "sb3": Environment(".venv-sb3", ("gymnasium", "stable-baselines3", "torch", "pufferlib-core")),
     "ued-tests": Environment(".venv-ued", ("jaxued", "gymnax", "flax", "optax")),
     "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
