@@ -1,8 +1,13 @@
-"""Checksums of the files in a folder, in the form that ``sha256sum -c`` reads."""
+"""Checksums: of the files in a folder, in the form that ``sha256sum -c`` reads, and of lines.
+
+Lines with checksums are for files that an interrupted run leaves. After a loss of power, the end of
+such a file, or any block of it, may be missing or zero.
+"""
 
 from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path
+from zlib import crc32
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
@@ -55,3 +60,18 @@ def read_checked(folder: Path, path: str, sums: Mapping[str, str]) -> bytes:
     if sha256(content).hexdigest() != sums[path]:
         raise InputError(file, f"the file whose checksum is in {SUMS}", "a damaged or another one")
     return content
+
+
+def sealed_line(content: bytes) -> bytes:
+    """Returns a line with the checksum of its content, which has no line break."""
+    return b"%08x\t%s\n" % (crc32(content), content)
+
+
+def read_sealed_lines(text: bytes) -> Iterator[bytes]:
+    """Yields the contents of lines that `sealed_line` made. Damaged lines are left out."""
+    # After the last line break there is nothing, or a part of a line.
+    *lines, _ = text.split(b"\n")
+    for line in lines:
+        checksum, _, content = line.partition(b"\t")
+        if checksum == b"%08x" % crc32(content):
+            yield content

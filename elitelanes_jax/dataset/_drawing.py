@@ -11,6 +11,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, Self
+from zlib import crc32
 
 import cv2
 import numpy as np
@@ -22,11 +23,12 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file, write_atomic
 from elitelanes_jax._util.folders import Unfinished, remove
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.sums import read_sealed_lines, sealed_line
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._fields import Contents, add_metrics
 from elitelanes_jax.dataset._layouts import Layout, find_layout, write_sample
-from elitelanes_jax.dataset._samples import Sample, SampleSettings
+from elitelanes_jax.dataset._samples import Sample, SampleSettings, layer_names
 from elitelanes_jax.dataset._sampling import Drawer, make_drawer
 from elitelanes_jax.dataset._shards import ShardSample, encode_sample
 from elitelanes_jax.dataset.planning import PlannedDataset
@@ -51,9 +53,8 @@ class Block(NamedTuple):
       number: the index of the block in its split, from 0.
       total: the number of blocks in the split.
       indices: the indices of the samples in the dataset, in order.
-      records: the file with a line for each sample: its index, a tab, and its record. A sample is
-        complete when its line is written. A run that is killed may leave a part of a line at the
-        end.
+      records: the file with a line for each sample, see `record_line`. A sample is complete when
+        its line is written. A run that is killed may leave a part of a line at the end.
     """
 
     split: int
@@ -62,33 +63,75 @@ class Block(NamedTuple):
     indices: list[int]
     records: Path
 
-    def read_records(self) -> dict[int, bytes]:
-        """Reads the records so far, of JSON, by the samples' indices."""
-        return _parse_records(self.records.read_bytes()) if self.records.exists() else {}
+    def read_records(self) -> "dict[int, _Record]":
+        """Reads the records so far, by the samples' indices."""
+        if not self.records.exists():
+            return {}
+        records = {}
+        for line in read_sealed_lines(self.records.read_bytes()):
+            index, checksum, content = line.split(b"\t", 2)
+            records[int(index)] = _Record(int(checksum, 16), content)
+        return records
 
     def missing(self) -> list[int]:
-        """Returns the indices of the samples that are not drawn yet.
-
-        If the last line of the records is incomplete, it is removed.
-        """
-        if not self.records.exists():
-            return self.indices
-        content = self.records.read_bytes()
-        # A run that was killed may have written a part of the last line.
-        whole = content[: content.rfind(b"\n") + 1]
-        if whole != content:
-            write_atomic(self.records, whole)
-        # Records of whole lines are of complete samples, so all others are drawn.
-        drawn = _parse_records(whole)
+        """Returns the indices of the samples that are not drawn yet."""
+        drawn = self.read_records()
         return [index for index in self.indices if index not in drawn]
 
+    def leave_out_damaged(self, layout: Layout, files: Path) -> None:
+        """Removes the records of samples whose files are missing or damaged, and damaged lines.
 
-def _parse_records(content: bytes) -> dict[int, bytes]:
-    """Returns the records of whole lines, by the samples' indices."""
-    # After the last line break there is nothing, or a part of a line.
-    *lines, _ = content.split(b"\n")
-    pairs = (line.split(b"\t", 1) for line in lines)
-    return {int(index): record for index, record in pairs}
+        After a loss of power, a file whose record is written may still be empty.
+        """
+        if not self.records.exists():
+            return
+        if layout.open_shard is None:
+            records = {
+                index: record
+                for index, record in self.read_records().items()
+                if _checksum_of(self._pictures(index, record, layout, files)) == record.checksum
+            }
+        else:
+            records = self.read_records()
+            shard = _checksum_of([files / layout.shard_file(self.split, self.number, self.total)])
+            is_complete = len(records) == len(self.indices)
+            # A shard is drawn whole or not at all.
+            if not is_complete or any(record.checksum != shard for record in records.values()):
+                records = {}
+        lines = [_line(index, *record) for index, record in records.items()]
+        if b"".join(lines) != self.records.read_bytes():
+            write_atomic(self.records, lines)
+
+    def _pictures(
+        self, index: int, record: "_Record", layout: Layout, files: Path
+    ) -> Iterator[Path]:
+        """Yields the pictures of a sample, in the order in which `write_sample` writes them."""
+        has_objects = "objects" in json.loads(record.content)
+        for layer in layer_names(has_objects=has_objects):
+            yield files / layout.file(self.split, index, layer)
+
+
+class _Record(NamedTuple):
+    """The record of a sample that is drawn.
+
+    Attributes:
+      checksum: the checksum of the files that have the sample.
+      content: the record as JSON.
+    """
+
+    checksum: int
+    content: bytes
+
+
+def _checksum_of(files: Iterable[Path]) -> int | None:
+    """Returns the checksum of files in this order, or None if one is missing."""
+    checksum = 0
+    for file in files:
+        try:
+            checksum = crc32(file.read_bytes(), checksum)
+        except FileNotFoundError:
+            return None
+    return checksum
 
 
 class Samples(NamedTuple):
@@ -145,7 +188,7 @@ class Samples(NamedTuple):
         for block in self.blocks_of(split):
             records = block.read_records()
             for index in block.indices:
-                yield json.loads(records[index])
+                yield json.loads(records[index].content)
 
     def write_split(self, split: int, records: Iterable[dict[str, Plain]]) -> None:
         """Writes the records of a split's samples, which come in order."""
@@ -162,10 +205,23 @@ class Samples(NamedTuple):
         # Each line is a sample. An incomplete last line has no line break.
         return sum(file.read_bytes().count(b"\n") for file in self.records.glob("*.jsonl"))
 
+    def leave_out_damaged(self, layout: Layout) -> None:
+        """Makes samples count as missing if an earlier run left damaged files of them."""
+        for block in self.blocks():
+            block.leave_out_damaged(layout, self.files)
 
-def record_line(index: int, record: dict[str, Plain]) -> bytes:
-    """Returns the line of a sample in the records of its block."""
-    return f"{index}\t{json.dumps(record)}\n".encode()
+
+def record_line(index: int, record: dict[str, Plain], checksum: int = 0) -> bytes:
+    """Returns the line of a sample in the records of its block.
+
+    It has a checksum of its own, the index, the checksum of the sample's files and the record. Only
+    an unfinished dataset needs `checksum`.
+    """
+    return _line(index, checksum, json.dumps(record).encode())
+
+
+def _line(index: int, checksum: int, content: bytes) -> bytes:
+    return sealed_line(b"%d\t%08x\t%s" % (index, checksum, content))
 
 
 @dataclass(frozen=True)
@@ -242,6 +298,7 @@ def draw_missing(
     Raises:
       InputError: if objects do not fit a map. Then all pictures are deleted.
     """
+    samples.leave_out_damaged(drawing.layout)
     with Progress("drawing", samples.total, "pictures", done=samples.count_drawn()) as bar:
         try:
             if pool is None:
@@ -408,8 +465,8 @@ def _draw_pictures(
     def draw(group: Sequence[int]) -> list[bytes]:
         lines = []
         for index, sample in zip(group, drawing.draw(group), strict=True):
-            write_sample(sample, layout, block.split, files)
-            lines.append(record_line(index, sample.record | layout.note(sample)))
+            checksum = write_sample(sample, layout, block.split, files)
+            lines.append(record_line(index, sample.record | layout.note(sample), checksum))
         return lines
 
     with block.records.open("ab") as records:
@@ -432,7 +489,7 @@ def _draw_shard(
 
     The records of its samples are written last.
     """
-    layout, lines = drawing.layout, []
+    layout, records = drawing.layout, []
     assert layout.open_shard is not None
     # Threads end in any order, but a shard has its samples in order. Samples that are drawn before
     # an earlier one wait here. They are of about as many groups as workers.
@@ -443,7 +500,8 @@ def _draw_shard(
         for index, sample in zip(group, drawing.draw(group), strict=True):
             waiting[index] = encode_sample(sample)
 
-    with new_file(files / layout.shard_file(block.split, block.number, block.total)) as part:
+    shard = files / layout.shard_file(block.split, block.number, block.total)
+    with new_file(shard) as part:
         part.parent.mkdir(parents=True, exist_ok=True)
         with layout.open_shard(part, drawing.contents) as write:
             # This is the sample that the shard needs next.
@@ -454,7 +512,7 @@ def _draw_shard(
                 while due in waiting:
                     sample = waiting.pop(due)
                     write(sample)
-                    lines.append(record_line(due, sample.record))
+                    records.append((due, sample.record))
                     ended(1)
                     # No sample has the index -1, so nothing waits after the last one.
                     due = next(following, -1)
@@ -464,7 +522,8 @@ def _draw_shard(
                 workers=workers,
                 ended=complete,
             )
-    write_atomic(block.records, lines)
+    checksum = crc32(shard.read_bytes())
+    write_atomic(block.records, [record_line(*record, checksum) for record in records])
 
 
 @contextmanager

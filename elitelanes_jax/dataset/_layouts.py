@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,14 +194,18 @@ def find_layout(name: str) -> Layout:
     return layout
 
 
-def write_sample(sample: Sample, layout: Layout, split: int, out: Path) -> None:
-    """Writes the pictures of a sample where a layout has them.
+def write_sample(sample: Sample, layout: Layout, split: int, out: Path) -> int:
+    """Writes the pictures of a sample where a layout has them; returns the checksum of all.
 
     Raises:
       OSError: that names the file, if one cannot be written.
     """
+    checksum = 0
     for name, layer in sample.layers.items():
-        _write_new(out / layout.file(split, sample.record["number"], name), png_of(layer))
+        content = png_of(layer)
+        _write_new(out / layout.file(split, sample.record["number"], name), content)
+        checksum = crc32(content, checksum)
+    return checksum
 
 
 def _write_new(file: Path, content: bytes) -> None:

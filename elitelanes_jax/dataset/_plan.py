@@ -14,7 +14,9 @@ from elitelanes_jax._util.engine import Pool
 from elitelanes_jax._util.errors import NotEnoughMapsError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.sums import read_sealed_lines, sealed_line
 from elitelanes_jax._util.threads import count_cores, start_thread
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.planning import PlannedDataset
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
@@ -91,6 +93,14 @@ def _evolve_ahead(sizes: "Sequence[_Size]", pool: Pool) -> None:
             bar.count()
 
 
+def _read_round(file: Path) -> list[dict[str, Plain]] | None:
+    """Reads the maps of a round. Returns None without a file, or if the file is damaged."""
+    if not file.exists():
+        return None
+    lines = [*read_sealed_lines(file.read_bytes())]
+    return json.loads(lines[0]) if lines else None
+
+
 class _Size(NamedTuple):
     """The search for the maps of one size.
 
@@ -123,14 +133,14 @@ class _Size(NamedTuple):
         level = 0
         while len(earlier) < self.wanted:
             file = self.file(number)
-            if not file.exists():
+            maps = _read_round(file)
+            if maps is None:
                 chosen = self._evolve(number, earlier, others, level)
                 # The file is written before the maps are used, so that a killed run reads the same
                 # maps again.
-                lines = (vars(road_map) | {"codes": road_map.codes.tolist()} for road_map in chosen)
-                write_atomic(file, (f"{json.dumps(line)}\n".encode() for line in lines))
-            lines_of_file = file.read_text(encoding="utf-8").splitlines()
-            new = [RoadMap(**json.loads(line)) for line in lines_of_file]
+                maps = [vars(road_map) | {"codes": road_map.codes.tolist()} for road_map in chosen]
+                write_atomic(file, sealed_line(json.dumps(maps).encode()))
+            new = [RoadMap(**road_map) for road_map in maps]
             # If few maps differ enough, the next ones may differ less.
             if len(new) < min(_FEW, self.wanted - len(earlier)):
                 level += 1

@@ -9,10 +9,10 @@ takes the seed and the level that its first robot gets.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from operator import itemgetter
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -153,6 +153,18 @@ def check_render(render: UserValue) -> None:
             "a function that takes a state and returns a picture, or None",
             shorten(repr(render)),
         )
+
+
+def picture_of(render: Callable[[Pytree], UserValue], state: Pytree) -> NDArray[np.uint8]:
+    """Returns the picture that a function draws of a state.
+
+    Raises `InputError` if it draws none.
+    """
+    picture = np.asarray(render(state))
+    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+        got = f"{picture.dtype} {list(picture.shape)}"
+        raise InputError("render", "a function that returns a picture uint8 [H, W, 3]", got)
+    return picture
 
 
 def action_space(environment: Environment, spaces: Untyped) -> Untyped:
@@ -717,10 +729,18 @@ class _Layout(NamedTuple):
         return self.structure.unflatten(leaves)
 
 
+# What a wrapper has from the moment that it is made. Another value would change nothing.
+_FIXED = frozenset(
+    {"action_space", "observation_space", "single_action_space", "single_observation_space"}
+    | {"num_envs", "num_agents", "autoreset_mode", "render_mode"}
+)
+
+
 class HasParams:
     """The options of a wrapper, which the caller may replace, see `Batch.replace_params`."""
 
     _batch: Batch
+    _is_made = False
 
     @property
     def params(self) -> Pytree:
@@ -731,6 +751,14 @@ class HasParams:
         self._batch.replace_params(params)
 
     def __setattr__(self, name: str, value: UserValue) -> None:
+        # The constructors of libraries set these names too.
+        if self._is_made and name in _FIXED:
+            raise InputError(
+                name,
+                "the value that the environment has",
+                shorten(repr(value)),
+                "make another environment",
+            )
         # An attribute of this name would change nothing.
         if "_batch" in vars(self) and name in self.params.options():
             raise InputError(
@@ -739,6 +767,11 @@ class HasParams:
                 "an attribute",
             )
         super().__setattr__(name, value)
+
+    def made(self) -> Self:
+        """Returns the environment, which is complete from here on."""
+        self._is_made = True
+        return self
 
     def check_settable(self, name: UserValue) -> None:
         """Checks a name that `set_attr` got."""

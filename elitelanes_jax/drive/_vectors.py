@@ -25,6 +25,7 @@ from elitelanes_jax.drive._batch import (
     Outcome,
     check_module,
     check_render,
+    picture_of,
     read_options,
 )
 from elitelanes_jax.drive._environment import Environment
@@ -137,7 +138,7 @@ def gymnasium_vector_env(
             return (
                 None
                 if draw is None
-                else tuple(np.asarray(draw(state)) for state in self._batch.states("render"))
+                else tuple(picture_of(draw, state) for state in self._batch.states("render"))
             )
 
         def get_attr(self, name: str) -> tuple[UserValue, ...]:
@@ -154,7 +155,7 @@ def gymnasium_vector_env(
                 )
             self.params = params[0]
 
-    return VectorEnv()
+    return VectorEnv().made()
 
 
 def _list_seeds(first: UserValue, envs: int) -> range:
@@ -303,7 +304,7 @@ def sb3_vec_env(
                     "sb3_vec_env: expected render, to get pictures, got none", stacklevel=2
                 )
                 return [None] * batch.envs
-            return [np.asarray(draw(state)) for state in self._batch.states("render")]
+            return [picture_of(draw, state) for state in self._batch.states("render")]
 
         def get_attr(self, attr_name: str, indices: UserValue = None) -> list[UserValue]:
             # The environments are one object.
@@ -337,7 +338,7 @@ def sb3_vec_env(
         ) -> list[bool]:
             return [False for _ in self._get_indices(indices)]
 
-    return VecEnv()
+    return VecEnv().made()
 
 
 def _last_info(done: Outcome, index: int) -> dict[str, Untyped]:
@@ -421,7 +422,7 @@ def puffer_env(
         def close(self) -> None:
             pass
 
-    return PufferEnv()
+    return PufferEnv().made()
 
 
 def _check_workers(pufferlib: Untyped) -> None:

@@ -28,6 +28,7 @@ from elitelanes_jax.drive._batch import (
     check_render,
     flattened,
     observation_space,
+    picture_of,
     read_actions,
     read_options,
 )
@@ -191,6 +192,8 @@ class GymnaxEnv:
             options |= self.default_params.options().keys()
         if name in options:
             raise InputError(name, "it in the argument params of reset and step", "an attribute")
+        if name == "num_actions" and name in vars(self):
+            raise InputError(name, f"{self.num_actions}, as the environment has", repr(value))
         super().__setattr__(name, value)
 
     @runs_jax
@@ -301,6 +304,6 @@ def gymnasium_env(
             return done.observation[0], float(done.reward[0]), *ended, metrics
 
         def render(self) -> Untyped:
-            return None if draw is None else np.asarray(draw(self._batch.states("render")[0]))
+            return None if draw is None else picture_of(draw, self._batch.states("render")[0])
 
-    return Env()
+    return Env().made()

@@ -20,7 +20,7 @@ from elitelanes_jax._util.files import write_atomic, write_json
 from elitelanes_jax._util.folders import foreign_file, output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce_at_end
-from elitelanes_jax._util.sums import SUMS, read_sums, write_sums
+from elitelanes_jax._util.sums import SUMS, read_sealed_lines, read_sums, sealed_line, write_sums
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.sumo import to_sumo_trips
@@ -115,16 +115,18 @@ def pack(
         # A file in `kept` makes the next run resume with the files of this one.
         list_of_ids = work.kept / "maps.json"
         write_json(list_of_ids, [town.id for town in towns])
+        journal = _Journal(work.files, work.kept / "files.jsonl")
         rows: list[dict[str, Plain]] = []
         written: list[RoadMap] = []
         with Progress("packing", len(towns), "maps") as bar:
             for town, map_name in zip(towns, maps.names, strict=True):
                 try:
                     road_map = without_ends(town.road_map, spec.formats.dead_ends)
-                    rows.append(_write(spec, town, road_map, work.files, settings))
+                    rows.append(_write(spec, town, road_map, work.files, settings, journal))
                 except InputError as error:
                     # The same map would fail again, so there is nothing to resume.
                     list_of_ids.unlink()
+                    journal.file.unlink(missing_ok=True)
                     raise error.within(f"niche {town.niche}, {map_name}") from None
                 written.append(road_map)
                 bar.count()
@@ -189,13 +191,58 @@ def _name_niche(road_map: RoadMap) -> str:
     return size + "".join(f"-{part:02d}" for part in road_map.niche or ())
 
 
+class _Journal:
+    """The checksums of the files of formats that this run and earlier ones have written.
+
+    After a loss of power, a file that exists may be empty.
+
+    Args:
+      folder: the folder of the pack's files.
+      file: the file of the journal.
+    """
+
+    def __init__(self, folder: Path, file: Path) -> None:
+        self.folder, self.file = folder, file
+        lines = [*read_sealed_lines(file.read_bytes())] if file.exists() else []
+        # The journal is written anew, because a line after a damaged one would be damaged too.
+        write_atomic(file, map(sealed_line, lines))
+        self._sums: dict[str, str] = {}
+        for line in lines:
+            self._sums |= json.loads(line)
+
+    def has(self, files: Iterable[Path]) -> bool:
+        """Returns whether all of some files were written and are not damaged."""
+        return all(
+            file.exists() and self._sums.get(self._name(file)) == _sum(file) for file in files
+        )
+
+    def add(self, files: Iterable[Path]) -> None:
+        """Adds files that were written."""
+        sums = {self._name(file): _sum(file) for file in files}
+        with self.file.open("ab") as stream:
+            stream.write(sealed_line(json.dumps(sums).encode()))
+
+    def _name(self, file: Path) -> str:
+        return file.relative_to(self.folder).as_posix()
+
+
+def _sum(file: Path) -> str:
+    return sha256(file.read_bytes()).hexdigest()
+
+
 def _write(
-    spec: PackSpec, town: _Town, written: RoadMap, folder: Path, settings: Mapping[str, UserValue]
+    spec: PackSpec,
+    town: _Town,
+    written: RoadMap,
+    folder: Path,
+    settings: Mapping[str, UserValue],
+    journal: _Journal,
 ) -> dict[str, Plain]:
     """Writes the files of a map; returns its row of the table.
 
-    The files of a format are written only if one of them does not exist. `written` is the map as
-    formats without dead ends have it. `settings` are those of all formats, with their tile set.
+    The files of a format are written only if the journal does not have all of them. `written` is
+    the map as formats without dead ends have it. `settings` are those of all formats, with their
+    tile set.
     """
     graph = lane_graph(town.road_map.codes)
     # A trip must not lead to a road that the formats lack.
@@ -203,7 +250,7 @@ def _write(
     if written is not town.road_map:
         graph_of_trips = lane_graph(written.codes)
     trips = _trips(spec, town, graph_of_trips, lane_offset_of(settings.get("tiles")))
-    _write_formats(spec, town, folder, settings)
+    _write_formats(spec, town, folder, settings, journal)
     map_file = folder / "maps" / town.niche / f"{town.id}.json"
     write_atomic(map_file, map_to_json(town.road_map).encode())
     trips_file = folder / "trips" / town.niche / f"{town.id}.csv"
@@ -217,19 +264,23 @@ def _write(
 
 
 def _write_formats(
-    spec: PackSpec, town: _Town, folder: Path, settings: Mapping[str, UserValue]
+    spec: PackSpec,
+    town: _Town,
+    folder: Path,
+    settings: Mapping[str, UserValue],
+    journal: _Journal,
 ) -> None:
     """Writes the files of a map in all formats."""
     for to in spec.to:
         niche_folder = folder / to / town.niche
         files = [niche_folder / file for file in FORMATS[to].paths(town.id)]
-        # A resumed run finds these files complete, because each is written in one step.
-        if all(file.exists() for file in files):
+        if journal.has(files):
             continue
         # A format whose settings remove dead ends does so itself.
         contents = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
         for file, content in contents.items():
             write_atomic(niche_folder / file, content)
+        journal.add(files)
 
 
 def _row(town: _Town, lanes: int, trips: Sequence[Mapping[str, Plain]]) -> dict[str, Plain]:

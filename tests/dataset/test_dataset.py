@@ -162,13 +162,67 @@ def test_maps_from_a_list_are_drawn_as_given_ones_and_go_on_after_an_error(tmp_p
         drawn.append(given)
         if len(drawn) == 5:
             raise OSError(28, "No space left on device", "picture")
-        write_sample(*given)
+        return write_sample(*given)
 
     monkeypatch.setattr("elitelanes_jax.dataset._drawing.write_sample", full_disk)
     with pytest.raises(OSError, match="No space left"):
         make_dataset(spec, tmp_path / "out", workers=1)
     make_dataset(spec, tmp_path / "out", workers=1)
     assert len(drawn) == 5 + 9 - 4
+    assert files(tmp_path / "out") == files(tmp_path / "expected")
+
+
+DAMAGES = {
+    "cut": lambda content: content[: len(content) // 2],
+    "empty": lambda content: b"",
+    "zero": lambda c: bytes(len(c)),
+}
+
+
+def interrupt_after(number, monkeypatch):
+    """Makes a run of a dataset fail after some samples, as on a full disk."""
+    drawn = []
+
+    def full_disk(*given):
+        drawn.append(given)
+        if len(drawn) > number:
+            raise OSError(28, "No space left on device", "picture")
+        return write_sample(*given)
+
+    monkeypatch.setattr("elitelanes_jax.dataset._drawing.write_sample", full_disk)
+
+
+@pytest.mark.parametrize("what", ["pictures", "labels", "records"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_files_are_drawn_again(damage, what, given, tmp_path, monkeypatch):
+    """After a loss of power, the last files of a run may be cut off, empty or zero."""
+    with monkeypatch.context() as patch:
+        interrupt_after(9, patch)
+        with pytest.raises(OSError, match="No space left"):
+            make_dataset(small(), tmp_path / "out", workers=1)
+    unfinished = tmp_path / ".out-unfinished"
+    pattern = {"pictures": "files/*/image/*.png", "labels": "files/*/labels/*.png", "records": "kept/records/*.jsonl"}
+    damaged = sorted(unfinished.glob(pattern[what]))[:3]
+    assert damaged
+    for file in damaged:
+        file.write_bytes(DAMAGES[damage](file.read_bytes()))
+    make_dataset(small(), tmp_path / "out", workers=1)
+    assert files(tmp_path / "out") == files(given)
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_rounds_are_evolved_again(damage, tmp_path, monkeypatch):
+    spec = small(maps_from=None, maps=20, size="3..4 4", search=SearchSpec(preset="paper", evaluations=2000))
+    make_dataset(spec, tmp_path / "expected", workers=1)
+    with monkeypatch.context() as patch:
+        interrupt_after(3, patch)
+        with pytest.raises(OSError, match="No space left"):
+            make_dataset(spec, tmp_path / "out", workers=1)
+    rounds = [*(tmp_path / ".out-unfinished" / "kept" / "maps").iterdir()]
+    assert len(rounds) == 2
+    for file in rounds:
+        file.write_bytes(DAMAGES[damage](file.read_bytes()))
+    make_dataset(spec, tmp_path / "out", workers=1)
     assert files(tmp_path / "out") == files(tmp_path / "expected")
 
 

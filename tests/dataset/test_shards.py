@@ -150,6 +150,32 @@ def test_shards_go_on_after_an_error(name, tmp_path, monkeypatch):
     assert files(tmp_path / "out") == files(tmp_path / "expected")
 
 
+@pytest.mark.parametrize("what", ["shard", "records", "line"])
+def test_a_damaged_shard_is_drawn_again(what, tmp_path, monkeypatch):
+    spec = small(views=2, format="webdataset")
+    make_dataset(spec, tmp_path / "expected")
+    from elitelanes_jax.dataset._finishing import finish
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("elitelanes_jax.dataset.make.finish", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(spec, tmp_path / "out", workers=1)
+    unfinished = tmp_path / ".out-unfinished"
+    file = next(iter(sorted((unfinished / "files").rglob("*.tar"))))
+    if what != "shard":
+        file = unfinished / "kept" / "records" / "train-0.jsonl"
+    content = file.read_bytes()
+    # A zero in the middle damages one line of the records.
+    damaged = content[: len(content) // 2] + (b"\0" + content[len(content) // 2 + 1 :] if what == "line" else b"")
+    file.write_bytes(damaged)
+    monkeypatch.setattr("elitelanes_jax.dataset.make.finish", finish)
+    make_dataset(spec, tmp_path / "out", workers=1)
+    assert files(tmp_path / "out") == files(tmp_path / "expected")
+
+
 def test_an_executor_writes_the_same_shards(tmp_path):
     spec = robot_views(format="webdataset")
     make_dataset(spec, tmp_path / "here")

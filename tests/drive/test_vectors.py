@@ -347,9 +347,37 @@ def test_what_would_change_nothing_is_refused(libraries):
             (lambda env=env: setattr(env, "levels", LEVELS), "levels: expected it in params, as env.params = ")
             for env in (alone, vector, envs, puffer)
         ),
+        *(
+            (
+                lambda env=env, name=name: setattr(env, name, None),
+                f"{name}: expected the value that the environment has",
+            )
+            for env, names in (
+                (alone, ("action_space", "observation_space", "render_mode")),
+                (vector, ("num_envs", "single_action_space", "observation_space", "render_mode", "autoreset_mode")),
+                (envs, ("num_envs", "action_space", "observation_space", "render_mode")),
+                (puffer, ("num_agents", "single_action_space", "single_observation_space")),
+            )
+            for name in names
+        ),
+        (lambda: setattr(gymnax, "num_actions", 7), "num_actions: expected 3, as the environment has, got 7"),
     ):
         with pytest.raises(InputError, match=f"^{message}"):
             call()
+
+
+def test_a_function_that_draws_no_picture_is_named(libraries):
+    """Otherwise the picture would be an array with None in it."""
+    params = RoadNavParams(LEVELS)
+    for draw in (lambda state: None, lambda state: np.zeros((4, 4), np.uint8), lambda state: np.zeros((4, 4, 3))):
+        alone = gymnasium_env(RoadNav, params, libraries.gymnasium, render=draw)
+        vector = gymnasium_vector_env(RoadNav, params, libraries.gymnasium, envs=2, render=draw)
+        for env in (alone, vector):
+            env.reset(seed=0)
+            with pytest.raises(
+                InputError, match=r"^render: expected a function that returns a picture uint8 \[H, W, 3\]"
+            ):
+                env.render()
 
 
 def test_what_is_wrong_is_named():

@@ -204,6 +204,30 @@ def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp
     assert len(drawn) == len(MAPS) + 3  # a map for the check of the settings, twice, and the interrupted one again
 
 
+@pytest.mark.parametrize("damage", ["cut", "empty", "zero", "journal"])
+def test_damaged_files_are_written_again(damage, packed, tmp_path, monkeypatch):
+    """After a loss of power, the last files of a run may be cut off, empty or zero."""
+    with monkeypatch.context() as patch:
+
+        def interrupt(*_):
+            raise KeyboardInterrupt
+
+        patch.setattr(packing, "write_sums", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            pack(SPEC, MAPS, tmp_path / "pack")
+    unfinished = tmp_path / ".pack-unfinished"
+    if damage == "journal":
+        damaged = [unfinished / "kept" / "files.jsonl"]
+    else:
+        damaged = [file for file in (unfinished / "files").rglob("*") if file.is_file()]
+    for file in damaged:
+        content = file.read_bytes()
+        kept = {"empty": b"", "zero": bytes(len(content))}.get(damage, content[: len(content) // 2])
+        file.write_bytes(kept)
+    pack(SPEC, MAPS, tmp_path / "pack")
+    assert files(tmp_path / "pack") == files(packed)
+
+
 def test_all_maps_of_a_pack_have_the_same_tiles(tmp_path, monkeypatch):
     """A pack is not resumed with other tiles, and tiles that changed between two packs are read again."""
     tiles = shutil.copytree(default_tiles(), tmp_path / "tiles")
