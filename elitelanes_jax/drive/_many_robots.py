@@ -25,6 +25,7 @@ from elitelanes_jax.drive._batch import (
     check_render,
     flattened,
     observation_space,
+    picture_of,
     read_options,
 )
 from elitelanes_jax.drive._environment import Environment
@@ -215,9 +216,9 @@ def pettingzoo_env(
             )
 
         def render(self) -> Untyped:
-            return None if draw is None else np.asarray(draw(self._batch.states("render")[0]))
+            return None if draw is None else picture_of(draw, self._batch.states("render")[0])
 
-    return ParallelEnv()
+    return ParallelEnv().made()
 
 
 def _check_shared(environment: UserValue) -> None:

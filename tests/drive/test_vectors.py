@@ -511,7 +511,9 @@ def test_robots_that_share_a_town_are_rows_of_gymnasium(traffic):
 
 def test_stable_baselines3_trains_robots_that_share_a_town(traffic):
     stable_baselines3 = pytest.importorskip("stable_baselines3")
-    vector = sb3_vec_env(*traffic, stable_baselines3, envs=3, render=lambda state: np.full((2, 2, 3), state.level))
+    vector = sb3_vec_env(
+        *traffic, stable_baselines3, envs=3, render=lambda state: np.full((2, 2, 3), state.level, "u1")
+    )
     assert vector.num_envs == 15
     vector.set_options([{"level": index // 5} for index in range(15)])
     vector.reset()
@@ -540,7 +542,7 @@ def test_pettingzoo_takes_it(traffic):
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
     def make():
-        return pettingzoo_env(*traffic, pettingzoo, render=lambda state: np.full((2, 2, 3), state.level))
+        return pettingzoo_env(*traffic, pettingzoo, render=lambda state: np.full((2, 2, 3), state.level, "u1"))
 
     with pytest.warns(UserWarning, match="pettingzoo_env: expected the option level, got 'options'"):
         parallel_api_test(make(), num_cycles=50)
