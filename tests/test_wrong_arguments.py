@@ -35,6 +35,7 @@ from elitelanes_jax import (
     rotate,
 )
 from elitelanes_jax.benchmark import (
+    Operators,
     Submission,
     compute_scores,
     find_task,
@@ -69,7 +70,7 @@ from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.formats import MapObject, without_dead_ends
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.maps import FormatOptions, PackSpec, PickSpec, furnish, merge, pick
-from elitelanes_jax.network import canonical_form, vmap_in_blocks
+from elitelanes_jax.network import canonical_form, gridlock_potential, repair, vmap_in_blocks
 from elitelanes_jax.optimizers import (
     PRESETS,
     AnnealingConfig,
@@ -78,14 +79,17 @@ from elitelanes_jax.optimizers import (
     MoveWeights,
     evaluate,
     make_move,
+    refit_strip,
     run,
     seed_keys,
     truncate,
+    with_fill,
+    with_symmetric_copy,
 )
 from elitelanes_jax.optimizers._population import random_population
 from elitelanes_jax.optimizers.interop import qdax_scoring_fn
 from elitelanes_jax.photographs import Photograph, propose_tiles
-from elitelanes_jax.problem import Population, coverage, extreme_maps, insert
+from elitelanes_jax.problem import Population, coverage, extreme_maps, insert, qd_score
 from elitelanes_jax.problem.descriptor import niche_index
 from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.tiles import inspect_tiles, load_objects, propose_masks, write_png
@@ -255,7 +259,7 @@ WRONG = {
     ),
     "keys: expected keys [S], such as those of seed_keys, got 0": lambda: run(ea(road_problem((4, 4))), 0, 3),
     "seed: expected a whole number, 0 to 4294967295, got -1": lambda: seed_keys(-1, 2),
-    "what: map 0: grid: expected two dimensions": lambda: explore([3], "page.html"),
+    "what: map 0: grid: expected rows of tile codes, got 3": lambda: explore([3], "page.html"),
     "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
     "grids: expected int8 [P, 4, 4], got int32 [2, 2]": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
     "name: expected one of link, corner, outline, street, straight, clear, mirror, slide, transplant, displaced, "
@@ -360,9 +364,66 @@ WRONG = {
     "chosen: expected tiles of the 8 pictures, each an index and 0 to 3 quarter turns, got 9 and 0": lambda: look_at(
         np.zeros((1, 1), int), chosen=[[[9, 0]]]
     ),
-    "offset: expected float [] or a number, got [0.1, 0.2]": lambda: random_pose(
+    "offset: expected a number, 0 or more, got [0.1, 0.2]": lambda: random_pose(
         jax.random.key(0), RING, offset=[0.1, 0.2]
     ),
+    **{
+        f"{name}: {words}": lambda name=name, value=value: random_pose(jax.random.key(0), RING, **{name: value})
+        for name in ("offset", "heading")
+        for value, words in (
+            (float("nan"), "expected a number, 0 or more, got nan"),
+            (3 + 0j, "expected a number, 0 or more, got (3+0j)"),
+            (True, "expected a number, 0 or more, got True"),
+            (np.full(2, 0.5), "expected one number, got shape [2]"),
+            (np.array(-0.5), "expected a number, 0 or more, got -0.5"),
+        )
+    },
+    **{
+        f"raster: expected True or False, got {value!r}": lambda value=value: repair(RING, raster=value)
+        for value in (float("nan"), 2**40, [1], (1, 2), 1, "yes")
+    },
+    "raster: expected one bool, got shape [2]": lambda: repair(RING, raster=np.ones(2, bool)),
+    **{
+        f"robots: expected a number, got {value!r}": lambda value=value: gridlock_potential(RING, value)
+        for value in (float("nan"), "x", True, None)
+    },
+    **{
+        f"probability: expected a number, 0 to 1, got {value!r}": lambda make=make, value=value: make(
+            value, make_move("link")
+        )
+        for make, value in ((with_fill, float("nan")), (with_fill, -1), (with_symmetric_copy, None))
+    },
+    **{
+        f"{name}: expected a number, 0 to 1, got 1.5": lambda name=name: refit_strip(**{name: 1.5})
+        for name in ("whole", "straight")
+    },
+    "valid: expected an array of bool, got [1.0, 0.0]": lambda: qd_score([1, 2], [1.0, 0.0], 3),
+    "valid: expected an array of bool, got [nan]": lambda: coverage([float("nan")]),
+    "feasible: expected an array of bool, got [1, 0]": lambda: coverage([True, False], [1, 0]),
+    "worst: expected a number, got nan": lambda: qd_score([1, 2], [True, False], float("nan")),
+    "fitness: expected numbers in valid niches, got NaN or minus infinity": lambda: qd_score(
+        [float("nan"), 2], [True, True], 3
+    ),
+    "operators: expected one of tiles, links, moves, got ['tiles']": lambda: Operators(["tiles"], TASK, 0),
+    "task: expected Task, got '5x5A-10000'": lambda: Operators("tiles", "5x5A-10000", 0),
+    "seed: expected a whole number, 0 to 9223372036854775807, got -1": lambda: Operators("tiles", TASK, -1),
+    "seed: expected a whole number, 0 to 9223372036854775807, got 1.5": lambda: Operators("tiles", TASK, 1.5),
+    "lane_offset: expected tiles, a number over 0 and under 0.5, got nan": lambda: replace(
+        load_tiles(), lane_offset=float("nan")
+    ),
+    "lane_offset_spread: expected a number, 0 or more, got -1": lambda: replace(load_tiles(), lane_offset_spread=-1),
+    "blend: expected True or False, got 'no'": lambda: replace(load_tiles(), blend="no"),
+    "name: expected str, got 3": lambda: replace(load_tiles(), name=3),
+    **{
+        f"seed: expected a whole number, 0 to 4294967295, got {value!r}": lambda value=value: draw_sample(
+            RoadMap(GRID), load_tiles(), 0, seed=value
+        )
+        for value in (True, {}, [], b"1", 2**40)
+    },
+    **{
+        f"grid: expected rows of tile codes, got {value!r}": lambda value=value: measure(value)
+        for value in (None, 3, {"codes": []})
+    },
     "pose: expected one Pose, got Pose(x=[0.5, 1.5]": lambda: lane_pose(GRID, Pose([0.5, 1.5], [0.5, 1.5], [0, 0])),
     "goal: expected one LaneNode, got LaneNode(": lambda: distances(GRID, LaneNode(*np.zeros((3, 2), int))),
     "windows: expected one of limit": lambda: make("RoadNav", "no-map.json", windows=5),

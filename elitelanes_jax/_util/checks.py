@@ -136,7 +136,10 @@ def floor_shape(value: UserValue) -> tuple[int, int]:
 def real(
     least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False
 ) -> Check[float]:
-    """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""
+    """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`.
+
+    A `least` of minus infinity is no limit.
+    """
     has_most = most < float("inf")
     if exclusive and has_most:
         limit = f" over {least:g}, up to {most:g}"
@@ -144,6 +147,8 @@ def real(
         limit = f" over {least:g}"
     elif has_most:
         limit = f", {least:g} to {most:g}"
+    elif least == -float("inf"):
+        limit = ""
     else:
         limit = f", {least:g} or more"
 
@@ -154,7 +159,7 @@ def real(
             number = float(number)
         # A whole number of Python may be finite and still too large for a float.
         largest = min(most, sys.float_info.max)
-        is_within = is_real(number) and least <= number <= largest
+        is_within = is_real(number) and max(least, -sys.float_info.max) <= number <= largest
         if not is_within or (exclusive and number == least):
             raise InputError("", f"{unit}{limit}", shorten(repr(value), 40))
         return float(number)

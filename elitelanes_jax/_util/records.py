@@ -116,6 +116,18 @@ def number_or_array(check: Check, each: Check | None = None, *, whole: bool = Fa
     return check_value
 
 
+def one_number(check: Check) -> Check:
+    """Makes a check for a number, or an array without axes, as `number_or_array` does."""
+    check_number = number_or_array(check)
+
+    def check_value(value: UserValue) -> UserValue:
+        if getattr(value, "ndim", 0):
+            raise InputError("", "one number", f"shape {list(value.shape)}")
+        return check_number(value)
+
+    return check_value
+
+
 def _number(number: Numeric) -> int | float:
     """Returns a number of NumPy as one of Python, a float as its shortest text says it.
 

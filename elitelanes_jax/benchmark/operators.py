@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Int8, Key
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, one_of, whole
+from elitelanes_jax._util.checks import check_named, instance, one_of, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.benchmark.checks import SpentError, check_batch
@@ -116,9 +116,11 @@ class Operators:
     """
 
     def __init__(self, name: str, task: Task, seed: int) -> None:
-        self._task = task
+        self._task = check_named("task", instance(Task), task)
+        check_named("operators", one_of(*OPERATOR_SETS), name)
         self._random, self._mutate = _compiled(name, task.shape, task.fill)
-        self._key = seed_key(int(np.random.SeedSequence(seed).generate_state(1)[0]))
+        number = check_named("seed", whole(0, 2**63 - 1), seed)
+        self._key = seed_key(int(np.random.SeedSequence(number).generate_state(1)[0]))
         self._calls = self._count = 0
         self._known: set[bytes] = set()
 

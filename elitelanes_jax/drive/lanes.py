@@ -27,8 +27,10 @@ from elitelanes_jax._util.checks import (
     instance,
     is_real,
     is_whole,
+    real,
 )
 from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.records import one_number
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.lanes.curves import (
@@ -275,10 +277,12 @@ def random_pose(
       lane_offset: tiles from the road's middle to the centre of a lane.
 
     Raises:
-      InputError: for a bad grid, a grid without a lane, or a `lane_offset` that is not over 0 and
-        under 0.5.
+      InputError: for a bad grid, a grid without a lane, a negative or infinite `offset` or
+        `heading`, or a `lane_offset` that is not over 0 and under 0.5.
     """
     lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
+    offset = check_named("offset", one_number(real(0)), offset)
+    heading = check_named("heading", one_number(real(0)), heading)
     codes = check_grid(grid)
     check_lane(codes)
     return _random_pose(key, codes, offset, heading, lane_offset=lane_offset)

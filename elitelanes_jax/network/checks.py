@@ -91,6 +91,8 @@ def check_grid(grid: AnyArray, subject: str = "grid") -> AnyArray:
             "a masked array",
             f"{subject}.filled(0) empties such cells",
         )
+    if not array.ndim:
+        raise InputError(subject, "rows of tile codes", shorten(repr(grid)))
     if array.ndim != 2:
         hint = "give one grid, or batch a kernel with jax.vmap" if array.ndim == 3 else ""
         raise InputError(subject, "two dimensions (rows, columns)", f"shape {array.shape}", hint)

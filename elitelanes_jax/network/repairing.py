@@ -13,7 +13,8 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import is_flag
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.network.checks import check_grid
@@ -59,15 +60,25 @@ def repair(
       int8 ``[H, W]``.
 
     Raises:
-      InputError: for a bad grid, a mask of another shape or dtype, or a grid to fill that is one
-        tile wide.
+      InputError: for a bad grid, a mask of another shape or dtype, a `raster` that is no bool, or a
+        grid to fill that is one tile wide.
     """
     grid = check_grid(grid)
     if fill and min(grid.shape) < 2:
         raise InputError("fill", "a grid of at least 2 x 2", f"{grid.shape[0]} x {grid.shape[1]}")
     dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
+    _check_raster(raster)
     fixed = None if fixed is None else _check_mask("fixed", fixed, grid.shape)
     return _repair(grid, dirty, raster, fixed, fill=fill)
+
+
+def _check_raster(raster: Numeric) -> None:
+    """Checks True, False or an array with one of them, which may be traced."""
+    is_bool = raster.dtype == bool if hasattr(raster, "dtype") else is_flag(raster)
+    if not is_bool:
+        raise InputError("raster", "True or False", shorten(repr(raster)))
+    if np.ndim(raster):
+        raise InputError("raster", "one bool", f"shape {list(np.shape(raster))}")
 
 
 def _check_mask(name: str, mask: AnyArray, shape: tuple[int, int]) -> AnyArray:

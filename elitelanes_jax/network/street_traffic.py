@@ -15,11 +15,11 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float32, Int8, Int32, Real, Shaped
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, real
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import check_named, is_real, real
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Pytree
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
+from elitelanes_jax.network.checks import check_grid, is_traced
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.records import LONGEST_DETOUR
 from elitelanes_jax.network.sharding import divide_batches
@@ -91,10 +91,19 @@ def gridlock_potential(
       tile_size: side of a tile in metres, as for `gridlock_gamma`.
 
     Raises:
-      InputError: for a bad grid, one with a side over 32, or a bad size of tiles.
+      InputError: for a bad grid, one with a side over 32, a bad size of tiles, or robots that are
+        no number.
     """
     size = _check_size(tile_size)
+    _check_robots(robots)
     return _potential(_check_town(codes), jnp.asarray(robots, jnp.float32), tile_size=size)
+
+
+def _check_robots(robots: UserValue) -> None:
+    """Checks a number of robots, which may be infinite or traced."""
+    is_number = is_real(robots) or hasattr(robots, "dtype")
+    if not is_number or (not is_traced(robots) and np.isnan(robots).any()):
+        raise InputError("robots", "a number", shorten(repr(robots)))
 
 
 def _check_town(codes: AnyArray) -> AnyArray:

@@ -29,7 +29,7 @@ from elitelanes_jax._util.checks import (
 )
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten, suggest
-from elitelanes_jax._util.records import Record, number_or_array, option, traced
+from elitelanes_jax._util.records import Record, number_or_array, one_number, option, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
@@ -233,6 +233,7 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
     Single moves find it slowly.
     """
     fixed = frozen_copy(fixed)
+    probability = check_named("probability", one_number(real(0, 1)), probability)
 
     @runs_jax
     @divide_batches
@@ -255,6 +256,7 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     under half a turn stays symmetric, unless repair fills or the move changes the tile at the
     centre of a grid with odd sides. One step then replaces two steps with a worse grid in between.
     """
+    probability = check_named("probability", one_number(real(0, 1)), probability)
 
     @runs_jax
     @divide_batches

@@ -17,6 +17,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.records import one_number
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import bernoulli, mix, randint
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
@@ -174,7 +176,12 @@ def refit_strip(
       whole: probability that the stretch is as long as the grid. Otherwise its ends are random.
       straight: probability that a line of three tiles across the strip has the same links to the
         next line as to the line before, if a filling with these links exists.
+
+    Raises:
+      InputError: for a probability outside 0 to 1.
     """
+    whole = check_named("whole", one_number(real(0, 1)), whole)
+    straight = check_named("straight", one_number(real(0, 1)), straight)
 
     @runs_jax
     @divide_batches

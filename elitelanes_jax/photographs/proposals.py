@@ -127,8 +127,9 @@ def propose_tiles(
       photograph: the photograph, from `Photograph.read`.
       shape: the rows and columns of tiles, 1 to 40; those of `codes`, if they are given. A single
         tile may lie in any direction.
-      corners: the corners of all tiles in pixels ``[4, 2]``, clockwise from the first row's first
-        tile, off by up to a tenth of a tile. By default they are found.
+      corners: the corners of all tiles in pixels of `photograph.image` ``[4, 2]``, clockwise from
+        the first row's first tile, off by up to a tenth of a tile. By default they are found. The
+        image of a photograph that was read with a lens is straightened.
       codes: the codes of the map that is laid, ``[H, W]``, in any of the four directions. By
         default they are read.
       tiles: pictures that kinds are read with; by default the package's own.

@@ -14,7 +14,8 @@ from jaxtyping import Array, Bool, Int8, Int32, Real
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.errors import InputError, pluralize
+from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.sharding import divide_batches
@@ -161,8 +162,17 @@ def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.flo
     ``[..., N]``. The larger `worst` is, the more the score only counts elites: with the default
     weights take 0, which a map without faults does not exceed. NumPy computes it, therefore call it
     outside `jax.jit`. Source: Pugh, Soros and Stanley, "Quality diversity", 2016.
+
+    Raises `InputError` for `valid` of another dtype, a `worst` that is not finite, and a fitness of
+    NaN or minus infinity in a valid niche.
     """
-    return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
+    filled = _check_niches("valid", valid)
+    worst = check_named("worst", real(-np.inf), worst)
+    # An infinite fitness is worse than `worst`, and adds nothing.
+    gains = np.maximum(worst - np.asarray(fitness, np.float64), 0)
+    if not (np.isfinite(gains) | ~filled).all():
+        raise InputError("fitness", "numbers in valid niches", "NaN or minus infinity")
+    return np.where(filled, gains, 0).sum(axis=-1)
 
 
 @name_wrong_arguments
@@ -171,10 +181,22 @@ def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
 
     `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be
     filled; by default all. NumPy computes it, therefore call it outside `jax.jit`. Raises
-    `InputError` for feasible niches of another number.
+    `InputError` for niches of another dtype, and for feasible niches of another number.
     """
-    valid = np.atleast_1d(np.asarray(valid, bool))
-    feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)
+    valid = np.atleast_1d(_check_niches("valid", valid))
+    if feasible is None:
+        feasible = np.ones(valid.shape[-1], bool)
+    else:
+        feasible = _check_niches("feasible", feasible)
     if feasible.shape != valid.shape[-1:]:
         raise InputError("feasible", f"bool [{valid.shape[-1]}]", f"shape {list(feasible.shape)}")
     return (valid & feasible).sum(axis=-1) / max(1, int(feasible.sum()))
+
+
+def _check_niches(name: str, niches: AnyArray) -> NDArray[np.bool_]:
+    """Checks an array that is True for some of the niches."""
+    array = np.asarray(niches)
+    # An empty list has the dtype of floats.
+    if array.dtype != bool and array.size:
+        raise InputError(name, "an array of bool", shorten(repr(niches)))
+    return array.astype(bool)

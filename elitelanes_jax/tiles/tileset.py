@@ -30,16 +30,20 @@ import numpy as np
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import (
     check_named,
+    flag,
+    instance,
     is_folder,
     is_real,
     listed,
+    none_or,
     path,
     path_exists,
+    real,
 )
 from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.lanes.curves import LANE_OFFSET, is_lane_offset
+from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset, is_lane_offset
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles._lines import misplaced_lines
 from elitelanes_jax.tiles.files import GROUND, Tile, read_image, read_mask, size_of
@@ -122,7 +126,12 @@ class TileSet:
     lane_offset_spread: float | None = None
 
     def __post_init__(self) -> None:
-        """Checks that the tiles are tiles, whose arrays nobody can change."""
+        """Checks the fields. The tiles are tiles, whose arrays nobody can change."""
+        for name in ("name", "licence"):
+            check_named(name, instance(str), getattr(self, name))
+        check_named("blend", flag, self.blend)
+        check_named("lane_offset", check_lane_offset, self.lane_offset)
+        check_named("lane_offset_spread", none_or(real(0)), self.lane_offset_spread)
         tiles = check_named("tiles", listed(Tile), self.tiles)
         object.__setattr__(self, "tiles", tuple(tiles))
 
