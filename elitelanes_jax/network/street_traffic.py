@@ -87,7 +87,7 @@ def gridlock_potential(
 
     Args:
       codes: integer codes ``[H, W]``, repaired or not.
-      robots: the number of robots, 0 or more. A negative number counts as 0. NaN gives NaN.
+      robots: the number of robots, 0 or more. A negative number counts as 0.
       tile_size: side of a tile in metres, as for `gridlock_gamma`.
 
     Raises:
