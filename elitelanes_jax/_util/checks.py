@@ -57,13 +57,22 @@ def is_flag(value: UserValue) -> bool:
 
 
 def clip_to_int32(value: UserValue) -> UserValue:
-    """Returns a whole number clipped to 32 bits; anything else unchanged.
+    """Returns a whole number, an array or a list of them, clipped to 32 bits.
+
+    Anything else is returned unchanged.
 
     JAX drops the upper bits of a larger number of NumPy, so that 2**32 becomes 0. For one of Python
     it raises `OverflowError`.
     """
-    is_scalar = isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iu"
-    if not is_scalar and not is_whole(value):
+    if type(value) is list:
+        return [clip_to_int32(number) for number in value]
+    is_array = isinstance(value, np.ndarray) and value.dtype.kind in "iu"
+    if is_array and value.ndim:
+        # NumPy refuses limits that the type of the array does not have.
+        least = max(np.iinfo(value.dtype).min, -_LARGEST_INT32 - 1)
+        most = min(np.iinfo(value.dtype).max, _LARGEST_INT32)
+        return value.clip(least, most)
+    if not is_array and not is_whole(value):
         return value
     clipped = min(max(int(value), -_LARGEST_INT32 - 1), _LARGEST_INT32)
     return value if clipped == value else clipped

@@ -187,6 +187,17 @@ def observation_space(environment: Environment, params: Pytree, spaces: Untyped)
     return spaces.Box(-np.inf, np.inf, observation.shape)
 
 
+def robots_of(environment: Environment, params: Pytree) -> int:
+    """Returns the number of robots that share a state; checks that the options have it."""
+    if not environment.shared:
+        return 1
+    if not hasattr(params, "robots"):
+        expected = "options with robots, such as RoadTrafficParams"
+        raise InputError("params", expected, type(params).__name__)
+    robots: int = params.robots
+    return robots
+
+
 def _observation_shape(environment: Environment, params: Pytree) -> jax.ShapeDtypeStruct:
     observation, _ = jax.eval_shape(lambda: environment.reset(jax.random.key(0), params))
     return observation
@@ -268,7 +279,7 @@ class Batch:
         self._count = check_named("envs", whole(1), envs)
         self.environment = flattened(environment, channels_first=channels_first)
         self.params = params
-        self.robots = params.robots if environment.shared else 1
+        self.robots = robots_of(environment, params)
         # The rows that callers see.
         self.envs = self._count * self.robots
         # Puts the numbers on the device once, because each would be transferred in every step.
@@ -305,7 +316,8 @@ class Batch:
         """Replaces the options.
 
         The next step uses them. An episode that has begun stays on its level, and later resets
-        draw from the new levels.
+        draw from the new levels. But the state of robots that share a town is only valid with its
+        levels and slots. If these are replaced, all environments need a reset.
 
         Raises:
           InputError: for another type, or if a state or an observation would have another shape.
@@ -317,13 +329,17 @@ class Batch:
         ):
             raise InputError(
                 "params",
-                (
+                "maps of the same size, and the same number of robots"
+                if self.environment.shared
+                else (
                     "maps of the same size, the same camera, and objects only if the former levels "
                     "have them"
                 ),
                 "other shapes of states or observations",
                 "make a second environment",
             )
+        if self.environment.shared and not _share_places(params, self.params):
+            self._begun = np.zeros_like(self._begun)
         self.params, self._device_params = params, device_params
 
     @runs_jax
@@ -474,7 +490,8 @@ class Batch:
         of_whom = ""
         if self._begun.any():
             of_whom = f" of environments {np.flatnonzero(~self._begun).tolist()}"
-        raise InputError(name, f"a reset{of_whom} before the first {name}", "none")
+        hint = "also after other levels or slots" if self.environment.shared else ""
+        raise InputError(name, f"a reset{of_whom} before the first {name}", "none", hint)
 
     def _check_actions(self, actions: UserValue) -> np.ndarray:
         """Returns actions as an array of one dtype, so that JAX compiles one program."""
@@ -498,6 +515,14 @@ class Batch:
         with np.errstate(over="ignore"):
             # A copy, because the caller may write to its array before the step is made.
             return array.astype(action.dtype)
+
+
+def _share_places(params: Pytree, other: Pytree) -> bool:
+    """Returns whether a lane and a slot mean the same with other options of `RoadTraffic`."""
+    leaves, other_leaves = jax.tree.leaves(params.levels), jax.tree.leaves(other.levels)
+    # Options keep the arrays that they get, so that nothing needs to be compared.
+    same_levels = all(one is two for one, two in zip(leaves, other_leaves, strict=True))
+    return same_levels and params.slots == other.slots
 
 
 def read_actions(actions: UserValue) -> np.ndarray:

@@ -27,6 +27,7 @@ from elitelanes_jax.drive._batch import (
     observation_space,
     picture_of,
     read_options,
+    robots_of,
 )
 from elitelanes_jax.drive._environment import Environment
 from elitelanes_jax.drive._library_types import JaxMarlEnv, PettingZooEnv
@@ -52,7 +53,7 @@ def jaxmarl_env(environment: Environment, params: Pytree, jaxmarl: Untyped) -> J
     _check_shared(environment)
     check_module(params, jaxmarl, "jaxmarl", "jaxmarl", "environments.multi_agent_env")
     spaces: Untyped = jaxmarl.environments.spaces
-    flat = flattened(environment)
+    flat, robots = flattened(environment), robots_of(environment, params)
 
     class MultiAgentEnv(jaxmarl.environments.multi_agent_env.MultiAgentEnv):
         """The environment."""
@@ -60,7 +61,7 @@ def jaxmarl_env(environment: Environment, params: Pytree, jaxmarl: Untyped) -> J
         name = type(params).__name__.removesuffix("Params")
 
         def __init__(self) -> None:
-            super().__init__(num_agents=params.robots)
+            super().__init__(num_agents=robots)
             self.action_spaces = {agent: action_space(flat, spaces) for agent in self.agents}
             self.observation_spaces = {
                 agent: observation_space(flat, params, spaces) for agent in self.agents
@@ -85,9 +86,7 @@ def jaxmarl_env(environment: Environment, params: Pytree, jaxmarl: Untyped) -> J
             over = done.terminated | done.truncated
             dones = dict.fromkeys([*self.agents, "__all__"], over)
             ends = {"terminated": done.terminated, "truncated": done.truncated}
-            by_robot = {
-                name: jax.numpy.broadcast_to(end, params.robots) for name, end in ends.items()
-            }
+            by_robot = {name: jax.numpy.broadcast_to(end, robots) for name, end in ends.items()}
             observations = self._by_agent(done.observation)
             return (
                 observations,
@@ -129,7 +128,7 @@ def pettingzoo_env(
 
     ``reset(options={"level": 3})`` starts on the level with index 3 of ``params.levels``. Other
     options are ignored with a warning, because PettingZoo's own test gives one. The attribute
-    `params` may be replaced. Later resets draw from the new levels.
+    `params` may be replaced. Other levels or slots need a reset.
 
     Args:
       environment: `RoadTraffic`.

@@ -341,6 +341,7 @@ def _step(
         only says that the robot moves on.
       params: the options of the environment.
     """
+    _check_robots(state, params)
     action = jnp.asarray(action)
     if action.shape != state.lane.shape or not jnp.issubdtype(action.dtype, jnp.integer):
         expected = f"whole numbers [{state.lane.size}]"
@@ -387,6 +388,12 @@ def _step(
     return Transition(
         seen, after, jnp.asarray(reward, jnp.float32), terminated, truncated, info, seen
     )
+
+
+def _check_robots(state: RoadTrafficState, params: RoadTrafficParams) -> None:
+    if jnp.shape(state.lane) != (params.robots,):
+        expected = f"that of one town with robots={params.robots}"
+        raise InputError("state", expected, f"lanes {list(jnp.shape(state.lane))}")
 
 
 def _may_cross(
@@ -489,6 +496,7 @@ def _never_move(blockers: Int32[Array, "R K"]) -> Bool[Array, " R"]:
 @checks_first(state=instance(RoadTrafficState), params=instance(RoadTrafficParams))
 @divide_batches
 def _observe(state: RoadTrafficState, params: RoadTrafficParams) -> RoadTrafficObservation:
+    _check_robots(state, params)
     town = _Town(params, state.level)
     robots = state.lane.size
     robot_at = town.robot_at(state)

@@ -20,6 +20,8 @@ RULES = ("allway_stop", "right_before_left", "traffic_light")
 # A way across a tile has the number heading * 3 + turn.
 _WAYS = len(EXIT) * len(TURNS)
 
+_MOST_STEPS = 2**20
+
 
 class TrafficRule(NamedTuple):
     """Who goes first on a tile. `traffic_rule` makes one, and `_replace` changes it.
@@ -30,7 +32,7 @@ class TrafficRule(NamedTuple):
       yields: bool ``[12, 12]``, whether the first way gives way to the second one.
       by_arrival: bool, whether it gives way only to robots that came to their line earlier.
       green: bool ``[P, 4]``, whether robots may enter a crossing, by the phase and their heading.
-      phase_steps: int32, the steps of each phase, 1 or more.
+      phase_steps: int32, the steps of each phase, 1 to 1,048,576.
     """
 
     yields: Bool[ArrayLike, "12 12"]
@@ -48,13 +50,13 @@ def traffic_rule(name: str, *, phase_steps: int = 4) -> TrafficRule:
         "right_before_left": a robot gives way to the right, and before a left turn to robots ahead.
         "traffic_light": in addition, a crossing has green for north and south, then for nobody,
         then for east and west, then for nobody.
-      phase_steps: the steps of a phase of the lights, 1 or more.
+      phase_steps: the steps of a phase of the lights, 1 to 1,048,576.
 
     Raises:
       InputError: for another name, or a number out of its range.
     """
     check_named("name", one_of(*RULES), name)
-    steps = check_named("phase_steps", whole(1, 2**20), phase_steps)
+    steps = check_named("phase_steps", whole(1, _MOST_STEPS), phase_steps)
     by_arrival = name == "allway_stop"
     yields = _conflicts() if by_arrival else _conflicts() & _has_priority()
     # All rules have four phases, so that arrays of rules can be stacked.
@@ -98,16 +100,26 @@ def check_rule(rule: UserValue) -> TrafficRule:
     if not isinstance(rule, TrafficRule):
         expected = f"a TrafficRule, or one of {', '.join(RULES)}"
         raise InputError("", expected, shorten(repr(rule)))
-    _check_flags("yields", rule.yields, np.shape(rule.yields) == (_WAYS, _WAYS), "12, 12")
-    _check_flags("by_arrival", rule.by_arrival, np.shape(rule.by_arrival) == (), "")
-    phases, *headings = np.shape(rule.green) or [0]
+    _check_flags("yields", rule.yields, _shape(rule.yields) == (_WAYS, _WAYS), "12, 12")
+    _check_flags("by_arrival", rule.by_arrival, _shape(rule.by_arrival) == (), "")
+    phases, *headings = _shape(rule.green) or [0]
     _check_flags("green", rule.green, phases > 0 and headings == [4], "P, 4")
-    steps = rule.phase_steps
-    is_integer = np.shape(steps) == () and jnp.issubdtype(jnp.result_type(steps), jnp.integer)
+    steps: UserValue = rule.phase_steps
+    is_integer = _shape(steps) == () and jnp.issubdtype(jnp.result_type(steps), jnp.integer)
     # The number of a tracer is not known.
-    if not is_integer or (not isinstance(steps, jax.core.Tracer) and steps < 1):
-        raise InputError("phase_steps", "a whole number, 1 or more", shorten(repr(steps)))
+    is_known = is_integer and not isinstance(steps, jax.core.Tracer)
+    if not is_integer or (is_known and not 1 <= steps <= _MOST_STEPS):
+        expected = f"a whole number, 1 to {_MOST_STEPS}"
+        raise InputError("phase_steps", expected, shorten(repr(steps)))
     return TrafficRule(*map(frozen_copy, rule))
+
+
+def _shape(value: UserValue) -> tuple[int, ...] | None:
+    """Returns the shape of an array; None for lists of several lengths."""
+    try:
+        return np.shape(value)
+    except ValueError:
+        return None
 
 
 def _check_flags(name: str, array: UserValue, has_shape: bool, shape: str) -> None:

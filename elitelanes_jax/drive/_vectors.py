@@ -60,8 +60,8 @@ def gymnasium_vector_env(
     replaced, also by ``set_attr("params", other)``. Later resets draw from the new levels.
 
     With `RoadTraffic` each robot is a row, and the R robots of an environment are consecutive. An
-    environment takes the seed and the level of its first row. `render` has a picture for each
-    environment.
+    environment takes the seed and the level of its first row. Other levels or slots in `params` need
+    a reset of all environments. `render` has a picture for each environment.
 
     Args:
       environment: `RoadNav`, `LaneDrive` or `RoadTraffic`.
@@ -247,7 +247,8 @@ def sb3_vec_env(
     resets draw from the new levels.
 
     With `RoadTraffic` each robot is a row, and the R robots of an environment are consecutive. An
-    environment takes the seed and the level of its first row.
+    environment takes the seed and the level of its first row. Other levels or slots in `params` need
+    a reset.
 
     Args:
       environment: `RoadNav`, `LaneDrive` or `RoadTraffic`.
@@ -367,7 +368,8 @@ def puffer_env(
     Pictures are ``[3, rows, columns]``. ``pufferlib.vector.make`` calls it: `buf` and `seed` are
     for that. Its backend `Multiprocessing` needs the start method spawn. The infos of a step are a
     list with the means of the metrics of the episodes that ended, or an empty list. The attribute
-    `params` may be replaced. Later resets draw from the new levels.
+    `params` may be replaced. Later resets draw from the new levels. With `RoadTraffic`, other levels or
+    slots need a reset.
 
     Args:
       environment: `RoadNav`, `LaneDrive` or `RoadTraffic`.

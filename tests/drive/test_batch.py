@@ -283,7 +283,28 @@ def test_robots_that_share_a_town_are_rows(mode):
         jax.tree.map(np.testing.assert_array_equal, one, jax.tree.map(lambda part: part[:5], three))
     batch.reset(levels=np.repeat([2, 0, 1], 5))
     assert [state.level for state in batch.states("states")] == [2, 0, 1]
+    with pytest.raises(InputError, match="^params: expected options with robots, such as RoadTrafficParams, got Road"):
+        Batch(RoadTraffic, RoadNavParams(make_levels(jax.random.key(0), drawn_maps(1, 3, (4, 5)), 3)), 3, mode)
     with pytest.raises(InputError, match="^reset_mask: expected the same for all 5 robots of an environment, got"):
         batch.reset(None, np.arange(15) < 7)
     with pytest.raises(InputError, match=r"^actions: expected whole numbers \[15\], got int64 \[3\]"):
         batch.step(np.zeros(3, int))
+
+
+def test_other_towns_need_a_reset_of_robots_that_share_them():
+    """Their state has numbers of lanes, which mean other lanes in other towns, or none."""
+    towns = make_traffic_levels(drawn_maps(1, 6, (4, 5), fill=True))
+    first, last = (jax.tree.map(lambda part, at=half: part[at], towns) for half in (slice(0, 3), slice(3, 6)))
+    params = RoadTrafficParams(first, robots=5)
+    batch, actions = Batch(RoadTraffic, params, 2, NEXT_STEP), np.zeros(10, int)
+    batch.reset()
+    batch.replace_params(params.replace(limit=9))
+    batch.step(actions)
+    for other in (params.replace(levels=last), params.replace(levels=last, slots=2)):
+        batch.replace_params(other)
+        with pytest.raises(InputError, match="^step: expected a reset before the first step, got none; also after"):
+            batch.step(actions)
+        batch.reset()
+        batch.step(actions)
+    with pytest.raises(InputError, match="^params: expected maps of the same size, and the same number of robots, got"):
+        batch.replace_params(params.replace(robots=4))

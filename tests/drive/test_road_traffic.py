@@ -290,7 +290,35 @@ def test_levels_that_robots_cannot_share_are_refused():
         RoadTrafficParams(make_traffic_levels([RING]), robots=17)
     assert RoadTrafficParams(make_traffic_levels([RING]), robots=17, slots=2).robots == 17
     rule = traffic_rule("allway_stop")
-    wrong_rules = rule._replace(green=np.ones((0, 4), bool)), rule._replace(phase_steps=0), rule._replace(yields=3)
+    wrong_rules = (
+        rule._replace(green=np.ones((0, 4), bool)),
+        rule._replace(phase_steps=0),
+        rule._replace(phase_steps=2**40),
+        rule._replace(yields=3),
+        rule._replace(yields=[[True], [True, True]]),
+    )
     for wrong in ("zebra", 3, *wrong_rules):
         with pytest.raises(InputError, match="^rule"):
             RoadTrafficParams(make_traffic_levels([RING]), rule=wrong)
+
+
+def test_a_state_belongs_to_one_town_and_its_robots():
+    levels, key = make_traffic_levels([RING]), jax.random.key(0)
+    three, four = (RoadTrafficParams(levels, robots=robots) for robots in (3, 4))
+    _, state = RoadTraffic.reset(key, three)
+    with pytest.raises(InputError, match=r"^state: expected that of one town with robots=4, got lanes \[3\]"):
+        RoadTraffic.step(key, state, np.zeros(3, np.int32), four)
+    with pytest.raises(InputError, match="^state: expected that of one town with robots=4"):
+        RoadTraffic.observe(state, four)
+    batch = jax.tree.map(lambda field: jnp.stack([field, field]), state)
+    with pytest.raises(InputError, match=r"^state: expected that of one town with robots=3, got lanes \[2, 3\]"):
+        RoadTraffic.step(key, batch, np.zeros((2, 3), np.int32), three)
+
+
+def test_actions_beyond_32_bits_are_clipped():
+    params = RoadTrafficParams(make_traffic_levels([RING]), robots=3)
+    _, state = RoadTraffic.reset(jax.random.key(0), params)
+    waits = RoadTraffic.step(jax.random.key(1), state, np.full(3, 3), params).state
+    for actions in (np.full(3, 2**32), [2**40, 2**32, 3]):
+        after = RoadTraffic.step(jax.random.key(1), state, actions, params).state
+        jax.tree.map(np.testing.assert_array_equal, after, waits)

@@ -56,6 +56,9 @@ def test_whole_numbers_are_clipped_to_32_bits(value, clipped):
     assert clip_to_int32(value) == clipped
     if isinstance(value, int):
         assert clip_to_int32(np.array(value)) == clipped
+        assert clip_to_int32(np.array([value, 3])).tolist() == clip_to_int32([value, 3]) == [clipped, 3]
+    assert clip_to_int32(np.array([2**64 - 1], np.uint64)) == 2**31 - 1
+    assert clip_to_int32(np.array([-1], np.int8)) == -1
 
 
 def test_a_folder_with_the_long_name_of_a_file_is_refused_in_one_line():
