@@ -243,7 +243,8 @@ def check(reader: Reader, batch: list[tuple[str, RoadMap]], files: list[Files], 
             known[digest] = {"map": digest, "kind": kind, "counts": sorted(counted), "problem": problem}
             known[digest]["day"] = date.today().isoformat()
             print(json.dumps(known[digest]), file=lines, flush=True)
-    return [known[files[index].digest] for index in fitting]
+    # Maps of different kinds may have the same file. A file that was read before may be one of another kind.
+    return [known[files[index].digest] | {"kind": batch[index][0]} for index in fitting]
 
 
 def write_table(seen: dict[Reader, list[dict]]) -> None:
