@@ -256,7 +256,7 @@ def write_table(seen: dict[Reader, list[dict]]) -> None:
         if lines:
             rows[reader.title] = row(reader, lines)
     titles = [reader.title for reader in readers() if reader.title in rows]
-    head = "\n| reader | version | format | maps | of people | refused or otherwise | equal counts | day |\n"
+    head = "\n| reader | version | format | maps | by people | refused or unequal | equal counts | day |\n"
     head += "|---|---|---|---:|---:|---:|---|---|\n"
     PAGE.write_text(before + BEGIN + head + "".join(f"{rows[title]}\n" for title in titles) + "\n" + END + after)
 
