@@ -9,7 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "readers"))
 
-from check import Reader, expected, furnished, odd, python_of, readers
+from check import Reader, check, expected, furnished, odd, python_of, readers, write_files
 
 from elitelanes_jax.formats import RoadMap
 from elitelanes_jax.formats.commonroad import to_commonroad
@@ -70,6 +70,17 @@ def test_a_reader_that_crashes_at_a_file_reads_the_others(tmp_path, monkeypatch)
     reader = Reader("test", "test", "opendrive", (), program=str(program))
     said = reader.read([Path("a"), Path("bad"), Path("c")])
     assert [one.get("lanes") for one in said] == [1, None, 1] and "ended with 9" in said[1]["error"]
+
+
+def test_a_map_keeps_its_kind_if_another_has_the_same_file(tmp_path, monkeypatch):
+    batch = [("by people", RING_AND_KNOT), ("drawn", RING_AND_KNOT)]
+    monkeypatch.setattr(Reader, "results", property(lambda self: tmp_path / "test.jsonl"))
+    monkeypatch.setattr(Reader, "read", lambda self, files: [{"lanelets": 1} for _ in files])
+    reader, known = Reader("test", "test", "lanelet2", ()), {}
+    for _ in range(2):
+        lines = check(reader, batch, write_files("lanelet2", batch, tmp_path), known)
+        assert [line["kind"] for line in lines] == ["by people", "drawn"]
+        assert all(line["problem"].startswith("lanelets ") for line in lines)
 
 
 def test_all_odd_maps_can_be_made():

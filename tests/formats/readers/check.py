@@ -243,7 +243,8 @@ def check(reader: Reader, batch: list[tuple[str, RoadMap]], files: list[Files], 
             known[digest] = {"map": digest, "kind": kind, "counts": sorted(counted), "problem": problem}
             known[digest]["day"] = date.today().isoformat()
             print(json.dumps(known[digest]), file=lines, flush=True)
-    return [known[files[index].digest] for index in fitting]
+    # Maps of different kinds may have the same file. A file that was read before may be one of another kind.
+    return [known[files[index].digest] | {"kind": batch[index][0]} for index in fitting]
 
 
 def write_table(seen: dict[Reader, list[dict]]) -> None:
@@ -255,7 +256,7 @@ def write_table(seen: dict[Reader, list[dict]]) -> None:
         if lines:
             rows[reader.title] = row(reader, lines)
     titles = [reader.title for reader in readers() if reader.title in rows]
-    head = "\n| reader | version | format | maps | of people | refused or otherwise | equal counts | day |\n"
+    head = "\n| reader | version | format | maps | by people | refused or unequal | equal counts | day |\n"
     head += "|---|---|---|---:|---:|---:|---|---|\n"
     PAGE.write_text(before + BEGIN + head + "".join(f"{rows[title]}\n" for title in titles) + "\n" + END + after)
 
