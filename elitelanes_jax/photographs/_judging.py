@@ -12,11 +12,14 @@ from elitelanes_jax.photographs._views import FloorView
 SURE = 0.5
 """The least score of a proposal that is cut, and of a cell whose kind is sure."""
 
+CORNERS_GIVEN = {"out_of_square"}
+"""The evidence that the user's corners replace."""
+
 # The usual focal lengths, in widths of the picture.
 _FOCAL = np.geomspace(0.45, 4, 200)
 _UNLIKE = (
     "the outlined area does not look like road tiles; have the whole floor in the picture, check "
-    "the size, and give the corners"
+    "the size, and {corners}"
 )
 _CROPPED = (
     "the outlined tiles are no squares in space; check the size, "
@@ -39,7 +42,7 @@ class _Limit(NamedTuple):
     Attributes:
       value: the limit.
       width: the width of the sigmoid; negative for an upper limit.
-      advice: what to do.
+      advice: what to do; ``{corners}`` stands for what to do about the corners.
     """
 
     value: float
@@ -55,14 +58,14 @@ _LIMITS: dict[str, dict[str, _Limit]] = {
         "edge": _Limit(
             0.42,
             0.02,
-            "no tiles are seen along one side of the floor; check the size, and give the corners",
+            "no tiles are seen along one side of the floor; check the size, and {corners}",
         ),
         "handed": _Limit(0.0, 0.03, _MIRRORED),
         "repeats": _Limit(
             0.87,
             0.015,
             "the tiles do not repeat in this grid; check the size, take away what stands on them, "
-            "and give the corners",
+            "and {corners}",
         ),
         # A corner is off by up to twice its standard deviation, and rarely by more. Therefore the
         # score falls slowly: it is above 0.98 only for deviations below 0.4 %.
@@ -138,7 +141,10 @@ def judge(evidence: dict[str, float], kind: str, ignored: Collection[str]) -> tu
         for name, limit in limits.items()
     }
     # In a product, each measurement alone can refuse the proposal.
-    return float(np.prod(list(sures.values()))), limits[_reason(sures)].advice
+    # Corners that the user gave may be wrong, and need not be asked for.
+    corners = "check the corners" if {*ignored} >= CORNERS_GIVEN else "give the corners"
+    advice = limits[_reason(sures)].advice.format(corners=corners)
+    return float(np.prod(list(sures.values()))), advice
 
 
 def _reason(sures: dict[str, float]) -> str:

@@ -17,6 +17,7 @@ from elitelanes_jax.photographs._cells import fitted_cells, guessed_cells
 from elitelanes_jax.photographs._equations import largest_spread
 from elitelanes_jax.photographs._fitting import SIDES_OF_TILE, Fit, fit_tile, fit_view
 from elitelanes_jax.photographs._judging import (
+    CORNERS_GIVEN,
     SURE,
     judge,
     least_alike_edge,
@@ -166,14 +167,14 @@ def propose_tiles(
         )
     if not starts:
         floor = f"{shape[0]} x {shape[1]} road tiles"
-        hint = "check the size, and give the corners"
+        hint = f"check the size, and {'give' if corners is None else 'check'} the corners"
         raise InputError(photograph.name, floor, "none", hint)
     if codes is None and _is_grey(image):
         _check_grey_tiles(photograph, tiles)
     # The user's corners replace this evidence, see `judge`.
     ignored: set[str] = set()
     if corners is not None:
-        ignored.add("out_of_square")
+        ignored |= CORNERS_GIVEN
     if not fit:
         ignored.add("contrast")
     # The guesses in which cells look most like tiles are fitted first.

@@ -160,6 +160,14 @@ def test_a_view_that_fits_badly_is_not_called_out_of_square(evidence, reason):
     assert advice.startswith("the outlined tiles are no squares in space")
 
 
+@pytest.mark.parametrize("evidence", [{"repeats": 0.2}, {"edge": 0.1}, {"alike": 0.1}])
+def test_corners_that_were_given_are_not_asked_for(evidence):
+    seen = GOOD | evidence
+    assert judge(seen, "floor", ())[1].endswith("and give the corners")
+    assert judge(seen, "floor", {"out_of_square"})[1].endswith("and check the corners")
+    assert judge(seen, "floor", {"out_of_square", "contrast"})[1].endswith("and check the corners")
+
+
 def test_a_single_tile_may_lie_in_any_direction():
     photo = Photograph("turn", photographed.photograph(np.array([[3]], np.int8)))
     proposal = propose_tiles(photo)
