@@ -23,7 +23,7 @@ from ._objects import make_objects as make_objects
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
 from ._road_traffic import RoadTraffic as RoadTraffic
-from ._road_traffic import RoadTrafficParams as RoadTrafficParams
+from ._road_traffic_records import RoadTrafficParams as RoadTrafficParams
 from ._traffic_levels import TrafficLevels as TrafficLevels
 from ._traffic_levels import make_traffic_levels as make_traffic_levels
 from ._traffic_rules import TrafficRule as TrafficRule

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from elitelanes_jax._util.types import UserValue
     from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
     from elitelanes_jax.drive._road_nav import RoadNavParams
-    from elitelanes_jax.drive._road_traffic import RoadTrafficParams
+    from elitelanes_jax.drive._road_traffic_records import RoadTrafficParams
 
     Params: TypeAlias = RoadNavParams | LaneDriveParams | RoadTrafficParams
 

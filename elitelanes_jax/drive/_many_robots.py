@@ -81,6 +81,7 @@ def jaxmarl_env(environment: Environment, params: Pytree, jaxmarl: Untyped) -> J
         def step_env(
             self, key: Key[Array, ""], state: Pytree, actions: Mapping[str, Array]
         ) -> tuple[Pytree, ...]:
+            _check_actions(actions, self.agents)
             stacked = jax.numpy.stack([jax.numpy.asarray(actions[agent]) for agent in self.agents])
             done = flat.step(key, state, stacked, params)
             over = done.terminated | done.truncated
@@ -194,9 +195,7 @@ def pettingzoo_env(
         ]:
             if not self.agents:
                 raise InputError("step", "a reset, because no robot drives", "none")
-            if not isinstance(actions, Mapping) or set(actions) != set(names):
-                expected = f"an action of each agent, {names[0]} to {names[-1]}"
-                raise InputError("actions", expected, shorten(repr(actions)))
+            _check_actions(actions, names)
             done = self._batch.step([actions[agent] for agent in names])
             observations = dict(zip(names, done.observation, strict=True))
             infos = {}
@@ -225,6 +224,12 @@ def _check_shared(environment: UserValue) -> None:
         raise InputError(
             "environment", "one of many robots, such as RoadTraffic", "one of one robot"
         )
+
+
+def _check_actions(actions: UserValue, agents: list[str]) -> None:
+    if not isinstance(actions, Mapping) or set(actions) != set(agents):
+        expected = f"an action of each agent, {agents[0]} to {agents[-1]}"
+        raise InputError("actions", expected, shorten(repr(actions)))
 
 
 def _read_level(options: UserValue) -> UserValue:

@@ -71,7 +71,7 @@ class TrafficLevels(NamedTuple):
 
     def at(self, index: Int[UserValue, ""]) -> Int32[Array, ""]:
         """Returns a level: the index of its town, because its tables are large."""
-        return jnp.asarray(index, jnp.int32)
+        return jnp.asarray(index)
 
 
 FAR = np.int16(2**15 - 1)

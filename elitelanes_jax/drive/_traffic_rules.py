@@ -29,7 +29,8 @@ class TrafficRule(NamedTuple):
     A way across a tile has the number heading * 3 + turn.
 
     Attributes:
-      yields: bool ``[12, 12]``, whether the first way gives way to the second one.
+      yields: bool ``[12, 12]``, whether the first way gives way to the second one; False on the
+        diagonal.
       by_arrival: bool, whether it gives way only to robots that came to their line earlier.
       green: bool ``[P, 4]``, whether robots may enter a crossing, by the phase and their heading.
       phase_steps: int32, the steps of each phase, 1 to 1,048,576.
@@ -101,6 +102,8 @@ def check_rule(rule: UserValue) -> TrafficRule:
         expected = f"a TrafficRule, or one of {', '.join(RULES)}"
         raise InputError("", expected, shorten(repr(rule)))
     _check_flags("yields", rule.yields, _shape(rule.yields) == (_WAYS, _WAYS), "12, 12")
+    if not isinstance(rule.yields, jax.core.Tracer) and np.diagonal(rule.yields).any():
+        raise InputError("yields", "False for a way and itself", "True on the diagonal")
     _check_flags("by_arrival", rule.by_arrival, _shape(rule.by_arrival) == (), "")
     phases, *headings = _shape(rule.green) or [0]
     _check_flags("green", rule.green, phases > 0 and headings == [4], "P, 4")

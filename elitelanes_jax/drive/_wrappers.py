@@ -38,7 +38,8 @@ from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
 from elitelanes_jax.drive._levels import check_maps, draw_levels
 from elitelanes_jax.drive._library_types import GymnasiumEnv
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
-from elitelanes_jax.drive._road_traffic import RoadTraffic, RoadTrafficParams
+from elitelanes_jax.drive._road_traffic import RoadTraffic
+from elitelanes_jax.drive._road_traffic_records import RoadTrafficParams
 from elitelanes_jax.drive._traffic_levels import make_traffic_levels
 from elitelanes_jax.network.bits import seed_key
 

@@ -295,6 +295,7 @@ def test_levels_that_robots_cannot_share_are_refused():
         rule._replace(phase_steps=0),
         rule._replace(phase_steps=2**40),
         rule._replace(yields=3),
+        rule._replace(yields=np.eye(12, dtype=bool)),
         rule._replace(yields=[[True], [True, True]]),
     )
     for wrong in ("zebra", 3, *wrong_rules):
