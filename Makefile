@@ -329,6 +329,7 @@ onnx: .venv-onnx/.ready .venv-gym-duckietown/.ready
 	  $(SEE_ONNX).export_onnx $$task --out $(SEEN)/$$task-int8.onnx --int8 --pictures $(SEEN)/photos.npz || exit; \
 	done
 	$(SEE_ONNX).rides $(SEEN)/pose.onnx --only people --out $(SEEN)/onnx-rides.json
+	$(SEE_ONNX).rides $(SEEN)/pose-int8.onnx --only people --out $(SEEN)/onnx-int8-rides.json
 
 # A network that learns from photographs of gym-duckietown's tiles. LAB adds options, such as LAB='--seeds 3'.
 photographs-lab: $(READY) .venv-gym-duckietown/.ready
