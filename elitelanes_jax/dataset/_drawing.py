@@ -163,21 +163,32 @@ class Samples(NamedTuple):
 
     def blocks_of(self, split: int) -> Iterator[Block]:
         """Yields the samples of a split, in order."""
-        first, views = self.maps.start, self.views
+        maps = self._maps_of(split)
+        for number in range(self._count_blocks(maps)):
+            yield self._block(split, maps, number)
+
+    def _maps_of(self, split: int) -> NDArray[np.int_]:
         # The maps of a part are a range, and those of the split are among them.
-        maps = first + np.flatnonzero(self.splits[first : self.maps.stop] == split)
-        count = len(maps) * views
+        first = self.maps.start
+        maps: NDArray[np.int_] = self.splits[first : self.maps.stop] == split
+        return first + np.flatnonzero(maps)
+
+    def _count_blocks(self, maps: NDArray[np.int_]) -> int:
         # The last block may have fewer samples.
-        total = -(-count // _BLOCK)
-        for number, start in enumerate(range(0, count, _BLOCK)):
-            positions = range(start, min(start + _BLOCK, count))
-            # A map has its views at neighbouring indices, so the index follows from the map and the
-            # view.
-            indices = [
-                int(maps[position // views]) * views + position % views for position in positions
-            ]
-            records = self.records / f"{SPLITS[split]}-{number}.jsonl"
-            yield Block(split, number, total, indices, records)
+        return -(-len(maps) * self.views // _BLOCK)
+
+    def _block(self, split: int, maps: NDArray[np.int_], number: int) -> Block:
+        """Returns a block of a split with these maps."""
+        views = self.views
+        start = number * _BLOCK
+        positions = range(start, min(start + _BLOCK, len(maps) * views))
+        # A map has its views at neighbouring indices, so the index follows from the map and the
+        # view.
+        indices = [
+            int(maps[position // views]) * views + position % views for position in positions
+        ]
+        records = self.records / f"{SPLITS[split]}-{number}.jsonl"
+        return Block(split, number, self._count_blocks(maps), indices, records)
 
     def split_of(self, index: int) -> int:
         """Returns the split of a sample."""
@@ -207,7 +218,11 @@ class Samples(NamedTuple):
 
     def leave_out_damaged(self, layout: Layout) -> None:
         """Makes samples count as missing if an earlier run left damaged files of them."""
-        for block in self.blocks():
+        # A dataset may have millions of blocks without a record.
+        for records in self.records.glob("*.jsonl"):
+            split, number = records.stem.rsplit("-", 1)
+            maps = self._maps_of(SPLITS.index(split))
+            block = self._block(SPLITS.index(split), maps, int(number))
             block.leave_out_damaged(layout, self.files)
 
 

@@ -1,6 +1,7 @@
 """RoadTraffic: tables of lanes by NetworkX, steps and gridlock by a slow model in plain Python."""
 
 import json
+from itertools import product
 from pathlib import Path
 
 import jax
@@ -108,7 +109,16 @@ def read_robots(levels, number, state):
     ]
 
 
-CASES = [(rule, strict, slots) for rule in RULES for strict in (False, True) for slots in (1, 2)]
+QUICK = {
+    ("allway_stop", False, 1),
+    ("right_before_left", True, 1),
+    ("traffic_light", False, 2),
+    ("allway_stop", True, 2),
+}
+CASES = [
+    pytest.param(*case, marks=[] if case in QUICK else [pytest.mark.slow])
+    for case in product(RULES, (False, True), (1, 2))
+]
 
 
 @pytest.mark.parametrize(("rule", "strict", "slots"), CASES)
@@ -163,7 +173,7 @@ def test_steps_are_those_of_the_slow_model(small, rule, strict, slots):
 def test_without_gridlock_somebody_moves_soon(towns):
     """Robots that always want to move: whoever is not in gridlock moves within a cycle of the lights."""
     levels = make_traffic_levels(towns)
-    for rule, strict in ((rule, strict) for rule in RULES for strict in (False, True)):
+    for rule, strict in product(RULES, (False, True)):
         params = RoadTrafficParams(levels, robots=24, rule=rule, strict=strict, ends_in_gridlock=False)
         step = jax.jit(jax.vmap(RoadTraffic.step, in_axes=(0, 0, 0, None)))
         keys = jax.random.split(jax.random.key(0), 60)
