@@ -62,7 +62,7 @@ def test_one_map_is_taken_in_every_form(file):
     [
         (3, "expected maps, grids or files of maps, got 3"),
         (np.array(3), r"expected maps, grids or files of maps, got array\(3\)"),
-        ([3], "map 0: grid: expected two dimensions"),
+        ([3], "map 0: grid: expected rows of tile codes"),
         ([CODES, [[16]]], "map 1: grid: expected tile codes 0 to 15, got 16"),
         ([CODES, [[6, 3], [12]]], "map 1: grid: expected rows of one length"),
         ("none.json", "none.json: no such file"),

@@ -45,7 +45,7 @@ def test_a_map_file_gives_the_map_back(road_map, tmp_path):
     [
         ({"codes": [[99, 3], [12, 9]]}, "grid: expected tile codes 0 to 15, got 99 at A1 "),
         ({"codes": [[0.5]]}, "grid: expected integer tile codes, got float64"),
-        ({"codes": None}, "grid: expected two dimensions"),
+        ({"codes": None}, "grid: expected rows of tile codes"),
         ({"metrics": {"turns": float("nan")}}, "metrics: expected numbers by name, got .*NaN"),
         ({"metrics": {1: 2.0}}, r"metrics: expected numbers by name, got \{1: 2.0\}"),
         ({"descriptor": {("turns",): 2}}, r"descriptor: expected numbers by name, got \{\('turns',\): 2\}"),
