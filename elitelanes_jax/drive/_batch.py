@@ -26,7 +26,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
-from elitelanes_jax.drive._environment import Environment, Transition
+from elitelanes_jax.drive._environment import Environment, Transition, level_at
 from elitelanes_jax.network.bits import THREEFRY, fold_in
 
 NEXT_STEP, SAME_STEP, DISABLED = "NextStep", "SameStep", "Disabled"
@@ -659,7 +659,7 @@ def _renew(
     def renew() -> Pytree:
         _, first = jax.vmap(environment.reset, (0, None))(keys, params)
         if levels is not None:
-            named = jax.vmap(params.levels.at)(jnp.maximum(levels, 0))
+            named = jax.vmap(level_at, (None, 0))(params.levels, jnp.maximum(levels, 0))
             _, on_named = jax.vmap(environment.reset_to_level, (0, 0, None))(keys, named, params)
             first = _choose(levels >= 0, on_named, first)
         return _choose(chosen, first, state)

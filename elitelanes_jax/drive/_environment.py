@@ -79,7 +79,7 @@ class Environment(NamedTuple):
       reset: (key, params) -> (observation, state), on a level drawn uniformly from
         ``params.levels``.
       reset_to_level: (key, level, params) -> (observation, state). A level is what the method `at`
-        of ``params.levels`` returns for an index.
+        of ``params.levels`` returns for an index; without this method, the row of each array.
       step: (key, state, action, params) -> `Transition`. It does not reset; see `auto_reset`.
       observe: (state, params) -> observation.
       actions: the number of discrete actions, or None for real ones.
@@ -98,8 +98,19 @@ class Environment(NamedTuple):
 
 
 def draw_level(key: Key[Array, ""], levels: Pytree) -> Pytree:
-    """Draws a level uniformly from a batch, by its method `at`; the key is consumed."""
-    return levels.at(randint(random_bits(key, ()), levels.grid.shape[0]))
+    """Draws a level uniformly from a batch; the key is consumed."""
+    return level_at(levels, randint(random_bits(key, ()), levels.grid.shape[0]))
+
+
+def level_at(levels: Pytree, index: Array) -> Pytree:
+    """Returns the level with an index of a batch, by its method `at`.
+
+    The levels of a user's own environment may have no such method. Then it is the row of each
+    array.
+    """
+    if hasattr(levels, "at"):
+        return levels.at(index)
+    return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
 
 
 @name_wrong_arguments
