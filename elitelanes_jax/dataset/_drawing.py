@@ -220,9 +220,9 @@ class Samples(NamedTuple):
         """Makes samples count as missing if an earlier run left damaged files of them."""
         # A dataset may have millions of blocks without a record.
         for records in self.records.glob("*.jsonl"):
-            split, number = records.stem.rsplit("-", 1)
-            maps = self._maps_of(SPLITS.index(split))
-            block = self._block(SPLITS.index(split), maps, int(number))
+            name, number = records.stem.rsplit("-", 1)
+            split = SPLITS.index(name)
+            block = self._block(split, self._maps_of(split), int(number))
             block.leave_out_damaged(layout, self.files)
 
 

@@ -754,7 +754,7 @@ class _Layout(NamedTuple):
         return self.structure.unflatten(leaves)
 
 
-# What a wrapper has from the moment that it is made. Another value would change nothing.
+# Attributes that are fixed when a wrapper is made. Another value would change nothing.
 _FIXED = frozenset(
     {"action_space", "observation_space", "single_action_space", "single_observation_space"}
     | {"num_envs", "num_agents", "autoreset_mode", "render_mode"}

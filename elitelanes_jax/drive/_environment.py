@@ -103,13 +103,10 @@ def draw_level(key: Key[Array, ""], levels: Pytree) -> Pytree:
 
 
 def level_at(levels: Pytree, index: Array) -> Pytree:
-    """Returns the level with an index of a batch, by its method `at`.
-
-    The levels of a user's own environment may have no such method. Then it is the row of each
-    array.
-    """
+    """Returns the level with an index of a batch: by its method `at`, or else the row of each array."""
     if hasattr(levels, "at"):
         return levels.at(index)
+    # Arrays of NumPy cannot be read at a traced index.
     return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
 
 

@@ -50,12 +50,6 @@ class Level(NamedTuple):
     ways: UInt8[Array, "H W"]
     objects: Objects | None = None
 
-    def at(self, index: Int[ArrayLike, ""]) -> "Level":
-        """Returns the level with an index of a batch."""
-        # Arrays of NumPy cannot be read at a traced index.
-        level: Level = jax.tree.map(lambda part: jnp.asarray(part)[index], self)
-        return level
-
 
 @name_wrong_arguments
 @runs_jax

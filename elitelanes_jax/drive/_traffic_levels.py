@@ -114,8 +114,8 @@ def _make_level(grid: NDArray[np.int8], graph: LaneGraph, size: int) -> TrafficL
     streets, parts = _list_streets(grid, graph)
     order = np.concatenate(streets)
     none = size - 1
-    # The number of each lane of the graph. An index of -1 stands for no lane.
-    number = np.append(np.argsort(order), none)
+    # The number of each lane of the graph.
+    number = np.argsort(order)
     nodes = np.stack(graph.nodes, axis=1)[order]
     row, column, heading = nodes.T
     codes = grid[row, column]

@@ -50,7 +50,7 @@ class Town:
         return self.read(self._levels.distance, goal, lane).astype(jnp.int32)
 
     def lanes(self) -> Array:
-        return jnp.asarray(self._levels.lanes)[self._level]
+        return self.read(self._levels.lanes)
 
     def robot_at(self, state: RoadTrafficState) -> Int32[Array, " L*slots"]:
         """Returns the robot in each slot; R for none."""

@@ -38,7 +38,7 @@ def _robots_beside(
 ) -> tuple[Int32[Array, "R 4"], Bool[Array, "R 4"]]:
     """Returns the robots at the lines of each robot's tile, and whether they came before it.
 
-    R stands for no robot. The robot itself is among them.
+    R means no robot. The result includes the robot itself.
     """
     others = robot_at[town.beside(state.lane) * town.slots + town.slots - 1]
     # No two robots at a tile have the same rank, because each came with another heading.
@@ -118,7 +118,7 @@ def closes_circle(
     """
     robots = state.lane.size
     target = town.next_slot(state)
-    # From the end of a lane a robot goes on by the turn that it has: the one it chooses on entry.
+    # At the end of its lane, a robot chooses its next turn. Within the lane, it keeps its turn.
     by_turn = jnp.where(
         town.at_line(state)[:, None], after, town.onward(state.lane, state.turn)[:, None]
     )

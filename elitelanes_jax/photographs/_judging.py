@@ -42,7 +42,7 @@ class _Limit(NamedTuple):
     Attributes:
       value: the limit.
       width: the width of the sigmoid; negative for an upper limit.
-      advice: what to do; ``{corners}`` stands for what to do about the corners.
+      advice: what to do; ``{corners}`` is replaced by what to do about the corners.
     """
 
     value: float

@@ -105,7 +105,7 @@ def make_shared_towns() -> dict[str, list[list[list[int]]]]:
 
 
 def options_of(towns: TrafficLevels, rule: str, robots: int, **more: bool) -> RoadTrafficParams:
-    """Returns the options of a run. By default it goes on after a gridlock."""
+    """Returns the options of a run. By default a gridlock does not end the run."""
     options: Pytree = {"rule": rule, "ends_in_gridlock": False, "limit": 2**20} | more
     return RoadTrafficParams(towns, robots=robots, gridlock_cost=-GRIDLOCK, progress_reward=TILE, **options)
 

@@ -20,6 +20,7 @@ from elitelanes_jax.drive import (
     make_levels,
     make_traffic_levels,
 )
+from elitelanes_jax.drive._environment import level_at
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import Robot, drive, still
 
@@ -167,7 +168,7 @@ def test_states_keep_their_dtypes_with_numbers_of_64_bits(robot):
 def test_a_level_begins_again_when_its_episode_ends(name):
     environment, params = made(name)
     replaying, keys = auto_replay(environment), jax.random.split(jax.random.key(5), COUNT)
-    levels = jax.vmap(params.levels.at)(np.arange(COUNT))
+    levels = jax.vmap(level_at, (None, 0))(params.levels, np.arange(COUNT))
     _, state = jax.vmap(replaying.reset_to_level, (0, 0, None))(keys, levels, params)
     step = jax.jit(jax.vmap(replaying.step, (0, 0, 0, None)))
     plain = jax.jit(jax.vmap(environment.step, (0, 0, 0, None)))
