@@ -19,6 +19,7 @@ from elitelanes_jax._util.errors import InputError, shorten, show_words
 from elitelanes_jax._util.types import UserValue
 
 T = TypeVar("T")
+N = TypeVar("N", bound=str)
 P = ParamSpec("P")
 
 Check: TypeAlias = Callable[[UserValue], T]
@@ -196,13 +197,13 @@ def coordinates(value: UserValue) -> tuple[float, float]:
     )
 
 
-def one_of(*names: str) -> Check[str]:
+def one_of(*names: N) -> Check[N]:
     """Makes a check for one of the names."""
 
-    def check(value: UserValue) -> str:
+    def check(value: UserValue) -> N:
         if not isinstance(value, str) or value not in names:
             raise InputError("", f"one of {', '.join(names)}", shorten(repr(value), 40))
-        return value
+        return names[names.index(value)]
 
     return check
 

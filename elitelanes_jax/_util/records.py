@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from elitelanes_jax._util.checks import (
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.types import Numeric, Untyped, UserValue
+
+T = TypeVar("T")
+R = TypeVar("R", bound="Record")
 
 REQUIRED = MISSING
 """The default of a required field."""
@@ -57,25 +60,32 @@ class Option(NamedTuple):
 
 def option(
     default: UserValue,
-    check: Callable[..., UserValue],
+    check: Callable[..., T],
     metavar: str | tuple[str, ...] | None = None,
     **more: UserValue,
-) -> UserValue:
-    """Declares a field of a record: its default, and the arguments of `Option`."""
-    return field(default=default, metadata={"option": Option(check, metavar, **more)})
+) -> T:
+    """Declares a field of a record: its default, and the arguments of `Option`.
+
+    A type checker sees the type of the checked value.
+    """
+    return _field(default, option=Option(check, metavar, **more))
 
 
-def nested(default: "Record") -> UserValue:
+def _field(default: UserValue, **metadata: UserValue) -> UserValue:
+    return field(default=default, metadata=metadata)
+
+
+def nested(default: R) -> R:
     """Declares a field with another record."""
     return option(default, instance(type(default)))
 
 
-def static(default: UserValue, check: Check) -> UserValue:
+def static(default: UserValue, check: Check[T]) -> T:
     """Declares a field for each of whose values `jax.jit` compiles a program."""
-    return field(default=default, metadata={"option": Option(check), "static": True})
+    return _field(default, option=Option(check), static=True)
 
 
-def traced(default: UserValue, check: Check, each: Check | None = None) -> UserValue:
+def traced(default: UserValue, check: Check, each: Check | None = None) -> Numeric:
     """Declares a field with a number or an array. One program serves all values.
 
     See `number_or_array` for `each`.

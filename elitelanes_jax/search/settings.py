@@ -105,7 +105,8 @@ class Settings:
       alphabet: tile codes to draw from; by default all with two or more connections
     """
 
-    style: str | None = option(None, none_or(read_style), "NAME", many="once")
+    # A specification has the style itself, and settings have its name.
+    style: str | None = option(None, none_or(read_style), "NAME", many="once")  # type: ignore[assignment]
     like: Grids = option((), parse_initial, "MAP", many=True)
     method: str = option("map-elites", check_method, "NAME")
     preset: str = option("tuned", nonblank, "NAME")
