@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from inspect import signature
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeAlias, TypeVar
+from typing import Concatenate, ParamSpec, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from elitelanes_jax._util.errors import InputError, shorten, show_words
 from elitelanes_jax._util.types import UserValue
 
 T = TypeVar("T")
+V = TypeVar("V")
 N = TypeVar("N", bound=str)
 P = ParamSpec("P")
 
@@ -39,17 +40,17 @@ _FILES = (
 _LARGEST_INT32 = 2**31 - 1
 
 
-def is_whole(value: UserValue) -> bool:
+def is_whole(value: UserValue) -> TypeGuard[int]:
     """Returns whether a value is a whole number of Python or NumPy; a bool is not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def is_real(value: UserValue) -> bool:
+def is_real(value: UserValue) -> TypeGuard[float]:
     """Returns whether a value is a number of Python or NumPy; a bool or an array is not."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
-def is_flag(value: UserValue) -> bool:
+def is_flag(value: UserValue) -> TypeGuard[bool]:
     """Returns whether a value is True or False, of Python or NumPy.
 
     For example, `array.any()` is a flag of NumPy.
@@ -67,13 +68,13 @@ def clip_to_int32(value: UserValue) -> UserValue:
     """
     if type(value) is list:
         return [clip_to_int32(number) for number in value]
-    is_array = isinstance(value, np.ndarray) and value.dtype.kind in "iu"
-    if is_array and value.ndim:
-        # NumPy refuses limits that the type of the array does not have.
-        least = max(np.iinfo(value.dtype).min, -_LARGEST_INT32 - 1)
-        most = min(np.iinfo(value.dtype).max, _LARGEST_INT32)
-        return value.clip(least, most)
-    if not is_array and not is_whole(value):
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iu":
+        if value.ndim:
+            # NumPy refuses limits that the type of the array does not have.
+            least = max(np.iinfo(value.dtype).min, -_LARGEST_INT32 - 1)
+            most = min(np.iinfo(value.dtype).max, _LARGEST_INT32)
+            return value.clip(least, most)
+    elif not is_whole(value):
         return value
     clipped = min(max(int(value), -_LARGEST_INT32 - 1), _LARGEST_INT32)
     return value if clipped == value else clipped
@@ -169,10 +170,10 @@ def real(
             number = float(number)
         # A whole number of Python may be finite and still too large for a float.
         largest = min(most, sys.float_info.max)
-        is_within = is_real(number) and max(least, -sys.float_info.max) <= number <= largest
-        if not is_within or (exclusive and number == least):
-            raise InputError("", f"{unit}{limit}", shorten(repr(value), 40))
-        return float(number)
+        is_number = is_real(number) and not (exclusive and number == least)
+        if is_number and max(least, -sys.float_info.max) <= number <= largest:
+            return float(number)
+        raise InputError("", f"{unit}{limit}", shorten(repr(value), 40))
 
     return check
 
@@ -306,11 +307,10 @@ def listed(kind: type[T]) -> Check[Sequence[T]]:
     """Makes a check for a list or tuple of objects of a type."""
 
     def check(values: UserValue) -> Sequence[T]:
-        if type(values) not in (list, tuple) or not all(
-            isinstance(value, kind) for value in values
-        ):
-            raise InputError("", f"a list of {kind.__name__}", shorten(repr(values)))
-        return values
+        # The items of another collection may be gone once they are seen.
+        if isinstance(values, list | tuple) and all(isinstance(value, kind) for value in values):
+            return values
+        raise InputError("", f"a list of {kind.__name__}", shorten(repr(values)))
 
     return check
 
@@ -329,18 +329,19 @@ def function_of(*arguments: str, **named: UserValue) -> Check[Callable[..., User
     """
 
     def check(value: UserValue) -> Callable[..., UserValue]:
+        called = function(value)
         try:
-            signature(value).bind(*arguments, **named)
+            signature(called).bind(*arguments, **named)
         except TypeError:
             expected = list(arguments)
             for argument_name, argument in named.items():
                 expected.append(f"{argument_name}={argument}")
-            got = shorten(str(signature(value)))
+            got = shorten(str(signature(called)))
             raise InputError("", f"a function of {', '.join(expected)}", f"one of {got}") from None
         except ValueError:
             # Some built-in functions do not say what they take.
             pass
-        return value
+        return called
 
     return check
 
@@ -384,8 +385,8 @@ def flag(value: UserValue) -> bool:
 
 def check_named(
     name: str,
-    check: Callable[Concatenate[UserValue, P], T],
-    value: UserValue,
+    check: Callable[Concatenate[V, P], T],
+    value: V,
     *further: P.args,
     **named: P.kwargs,
 ) -> T:

@@ -161,8 +161,9 @@ def shorten(text: str, limit: int = 80) -> str:
 
 def show_words(value: UserValue, limit: int = 80) -> str:
     """Returns the words of an option as the user wrote them; for another value, its `repr`."""
-    is_words = isinstance(value, list) and all(isinstance(word, str) for word in value)
-    return shorten(" ".join(value) if is_words else repr(value), limit)
+    if isinstance(value, list) and all(isinstance(word, str) for word in value):
+        return shorten(" ".join(value), limit)
+    return shorten(repr(value), limit)
 
 
 def yaml_fault(error: Exception) -> str:

@@ -62,7 +62,7 @@ def option(
     default: UserValue,
     check: Callable[..., T],
     metavar: str | tuple[str, ...] | None = None,
-    **more: UserValue,
+    **more: Untyped,
 ) -> T:
     """Declares a field of a record: its default, and the arguments of `Option`.
 
@@ -71,7 +71,8 @@ def option(
     return _field(default, option=Option(check, metavar, **more))
 
 
-def _field(default: UserValue, **metadata: UserValue) -> UserValue:
+def _field(default: UserValue, **metadata: UserValue) -> Untyped:
+    # For a type checker a field has the type of its value.
     return field(default=default, metadata=metadata)
 
 
@@ -107,7 +108,7 @@ def number_or_array(check: Check, each: Check | None = None, *, whole: bool = Fa
     kind, expected = (np.integer, "whole numbers") if whole else (np.number, "numbers")
     check_each = each or check
 
-    def check_value(value: UserValue) -> UserValue:
+    def check_value(value: Numeric) -> Numeric:
         # Records of options that nobody traces must not wait for JAX. A value of JAX exists only
         # after JAX was loaded.
         jax: Untyped = sys.modules.get("jax")
@@ -130,7 +131,7 @@ def one_number(check: Check) -> Check:
     """Makes a check for a number, or an array without axes, as `number_or_array` does."""
     check_number = number_or_array(check)
 
-    def check_value(value: UserValue) -> UserValue:
+    def check_value(value: Numeric) -> Numeric:
         if getattr(value, "ndim", 0):
             raise InputError("", "one number", f"shape {list(value.shape)}")
         return check_number(value)
