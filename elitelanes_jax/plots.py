@@ -230,7 +230,7 @@ def archive_map(
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
-    source: UserValue = fitness
+    source: Untyped = fitness
     if hasattr(source, "elites"):
         # The source is a result.
         fitness = source.elites.fitness
@@ -398,7 +398,7 @@ def history(
     """
     if name not in ("best_fitness", "elite_count"):
         raise InputError("name", "best_fitness or elite_count", repr(name))
-    result: UserValue = record
+    result: Untyped = record
     run: History | None = getattr(result, "history", result)
     if run is None or not hasattr(run, name):
         raise InputError("record", "a result with a history", shorten(repr(record)))

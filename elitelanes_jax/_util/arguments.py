@@ -6,7 +6,7 @@ succeed cost nothing and may be given whatever works. Flags are compared before 
 every value has a truth: with ``force="no"`` a function would replace a folder.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from functools import wraps
 from inspect import BoundArguments, Parameter, signature
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -29,7 +29,8 @@ _WORDS: dict[UserValue, str] = {
     np.number: "a number",
     bool: "True or False",
 }
-_WORDS |= {str: "a text", Path: "a path", NoneType: "None", Callable: "a function", Any: "no key"}
+_WORDS |= {str: "a text", Path: "a path", NoneType: "None", Callable: "a function"}
+_WORDS |= {Any: "no key", object: "no key"}
 
 # From NumPy 2.5 on `NDArray` is a type alias.
 _ARRAYS = (Annotated, np.ndarray, get_origin(NDArray[np.int8]))
@@ -85,12 +86,12 @@ def _check_flags(function: Callable[..., UserValue], options: Mapping[str, UserV
             raise _wrong_type(name, bool, value)
 
 
-def _wrong_type(name: str, annotation: UserValue, value: UserValue) -> WrongArgumentError:
+def _wrong_type(name: str, annotation: Untyped, value: UserValue) -> WrongArgumentError:
     return WrongArgumentError(name, _describe(annotation), shorten(repr(value)))
 
 
 def _find_wrong(
-    function: Callable[..., UserValue], args: UserValue, kwargs: UserValue, error: Exception
+    function: Callable[..., UserValue], args: Untyped, kwargs: Untyped, error: Exception
 ) -> WrongArgumentError | None:
     """Returns the error for the arguments that caused another error, or None.
 
@@ -133,7 +134,7 @@ def _arguments(bound: BoundArguments) -> Iterator[tuple[Parameter, UserValue]]:
             yield parameter, value
 
 
-def _fits(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
+def _fits(value: UserValue, annotation: Untyped, batch: bool = False) -> bool:
     """Returns whether an annotation can mean a value; an unknown annotation means any value.
 
     In a batch, arrays may have more axes than their annotation says.
@@ -150,13 +151,13 @@ def _fits(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
     kind = origin or annotation
     # An array without axes is a number, also a traced one.
     if kind in (int, float, bool) and hasattr(value, "dtype"):
-        return value.ndim == 0 and _is_array(value, kind)
+        return getattr(value, "ndim", 0) == 0 and _is_array(value, kind)
     # Larger numbers overflow in NumPy and JAX.
     if kind is int:
         return is_whole(value) and abs(value) < 2**63
     if kind in (float, np.number):
         return is_real(value) and abs(value) < 2**63
-    if kind is Any:
+    if kind in (Any, object):
         return not _is_key(value)
     if kind is Parameter.empty or not isinstance(kind, type):
         return True
@@ -167,7 +168,7 @@ def _fits(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
     return all(_fits(getattr(value, name), of, batch=True) for name, of in fields.items())
 
 
-def _is_iterable(origin: UserValue) -> bool:
+def _is_iterable(origin: Untyped) -> bool:
     return (
         isinstance(origin, type)
         and issubclass(origin, Iterable)
@@ -175,20 +176,22 @@ def _is_iterable(origin: UserValue) -> bool:
     )
 
 
-def _is_list_of(value: UserValue, origin: UserValue, parts: tuple[UserValue, ...]) -> bool:
+def _is_list_of(value: UserValue, origin: Untyped, parts: tuple[Untyped, ...]) -> bool:
     """Returns whether a value has several items of the annotation's type.
 
     An example of the annotation is ``list[int]``.
     """
-    is_several = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
-    if not is_several or getattr(value, "ndim", 1) == 0:
+    if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping):
         return False
-    if not hasattr(value, "__len__"):
+    if getattr(value, "ndim", 1) == 0:
+        return False
+    if not isinstance(value, Sized):
         # The items of a generator are gone once they are seen.
         return True
     has_fixed_length = origin is tuple and ... not in parts
     if has_fixed_length:
-        return len(value) == len(parts) and all(map(_fits, value, parts))
+        has_length = len(value) == len(parts)
+        return has_length and all(_fits(*pair) for pair in zip(value, parts, strict=True))
     return all(_fits(item, parts[0]) for item in value)
 
 
@@ -196,7 +199,7 @@ def _is_key(value: UserValue) -> bool:
     return str(getattr(value, "dtype", "")).startswith("key<")
 
 
-def _is_array(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
+def _is_array(value: AnyArray, annotation: Untyped, batch: bool = False) -> bool:
     """Returns whether a value is an array of numbers or can be one.
 
     The annotation may say how many axes the array has.
@@ -222,7 +225,7 @@ def _is_array(value: UserValue, annotation: UserValue, batch: bool = False) -> b
     return _has_axes(annotation, array.ndim, batch)
 
 
-def _is_key_array(value: UserValue, annotation: UserValue, batch: bool) -> bool:
+def _is_key_array(value: AnyArray, annotation: Untyped, batch: bool) -> bool:
     """Returns whether a value is a key of JAX, or a vector of the old style."""
     if _is_key(value):
         return _has_axes(annotation, value.ndim, batch)
@@ -230,7 +233,7 @@ def _is_key_array(value: UserValue, annotation: UserValue, batch: bool) -> bool:
     return is_old_style and _has_axes(annotation, value.ndim - 1, batch)
 
 
-def _has_axes(annotation: UserValue, axes: int, batch: bool) -> bool:
+def _has_axes(annotation: Untyped, axes: int, batch: bool) -> bool:
     """Returns whether the annotation of an array allows a number of axes.
 
     An annotation without axes allows any number.
@@ -243,7 +246,7 @@ def _has_axes(annotation: UserValue, axes: int, batch: bool) -> bool:
     return len(dims) == axes or (batch and len(dims) <= axes)
 
 
-def _describe(annotation: UserValue) -> str:
+def _describe(annotation: Untyped) -> str:
     """Returns the words for an annotation in a message."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if annotation == ArrayLike or origin in _ARRAYS:

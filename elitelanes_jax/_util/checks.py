@@ -16,7 +16,7 @@ from typing import Concatenate, ParamSpec, TypeAlias, TypeGuard, TypeVar
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError, shorten, show_words
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Untyped, UserValue
 
 T = TypeVar("T")
 V = TypeVar("V")
@@ -58,7 +58,7 @@ def is_flag(value: UserValue) -> TypeGuard[bool]:
     return isinstance(value, bool | np.bool_)
 
 
-def clip_to_int32(value: UserValue) -> UserValue:
+def clip_to_int32(value: Untyped) -> Untyped:
     """Returns a whole number, an array or a list of them, clipped to 32 bits.
 
     Anything else is returned unchanged.
@@ -80,7 +80,7 @@ def clip_to_int32(value: UserValue) -> UserValue:
     return value if clipped == value else clipped
 
 
-def unmasked(value: UserValue) -> UserValue:
+def unmasked(value: V) -> V:
     """Checks that an array has no masked numbers.
 
     `numpy.asarray` would show the numbers that the mask hides.
@@ -170,9 +170,10 @@ def real(
             number = float(number)
         # A whole number of Python may be finite and still too large for a float.
         largest = min(most, sys.float_info.max)
-        is_number = is_real(number) and not (exclusive and number == least)
-        if is_number and max(least, -sys.float_info.max) <= number <= largest:
-            return float(number)
+        if is_real(number) and max(least, -sys.float_info.max) <= number <= largest:
+            at_limit = exclusive and number == least
+            if not at_limit:
+                return float(number)
         raise InputError("", f"{unit}{limit}", shorten(repr(value), 40))
 
     return check
@@ -290,6 +291,13 @@ def paths(value: UserValue) -> list[Path]:
     if not checked:
         raise InputError("", "at least one", "none")
     return checked
+
+
+def items_of(value: UserValue) -> list[UserValue]:
+    """Returns the items of a list or another iterable; raises `TypeError` for what has none."""
+    if not isinstance(value, Iterable):
+        raise TypeError(f"{type(value).__name__} has no items")
+    return list(value)
 
 
 def instance(kind: type[T]) -> Check[T]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from functools import wraps
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from elitelanes_jax._util.types import Untyped, UserValue
 T = TypeVar("T")
 
 
-def frozen_copy(value: UserValue) -> UserValue:
+def frozen_copy(value: T) -> T:
     """Returns an array of NumPy as a copy that cannot be written to; anything else unchanged.
 
     Arrays that are kept after a call are copied, because the caller may write to them later. An
@@ -22,7 +22,7 @@ def frozen_copy(value: UserValue) -> UserValue:
     # A masked array keeps its mask, so that a later check can refuse it.
     copy = np.array(value, subok=isinstance(value, np.ma.MaskedArray))
     copy.flags.writeable = False
-    return copy
+    return cast(T, copy)
 
 
 def keeps_copies(record: type[T]) -> type[T]:

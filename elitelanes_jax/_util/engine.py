@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
 from contextlib import contextmanager, nullcontext, suppress
 from functools import lru_cache
-from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 
 from elitelanes_jax._util.checks import check_named, none_or, whole
 from elitelanes_jax._util.errors import (
@@ -98,7 +98,7 @@ def check_pool(executor: UserValue, parts: UserValue) -> Pool | None:
     if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
         expected = "a concurrent.futures.Executor, or another object with its method submit"
         raise InputError("executor", expected, shorten(repr(executor)))
-    return Pool(executor, parts)
+    return Pool(cast(Engine, executor), parts)
 
 
 def part_of(count: int, index: int, parts: int) -> range:
@@ -186,7 +186,7 @@ def _check_future(value: UserValue) -> Future:
     if not all(callable(getattr(value, name, None)) for name in ("done", "result", "cancel")):
         expected = "submit to return a future with the methods done, result and cancel"
         raise InputError("executor", expected, shorten(repr(value)))
-    return value
+    return cast(Future, value)
 
 
 def _dump(function: Callable[[A], R]) -> bytes:

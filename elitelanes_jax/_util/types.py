@@ -5,7 +5,7 @@ The package has no other `Any`.
 
 from typing import Annotated, Any, TypeAlias
 
-UserValue: TypeAlias = Any
+UserValue: TypeAlias = object
 """A user's value, from Python, the command line or a file. The function that takes it checks it."""
 
 OptionValue: TypeAlias = Any
@@ -30,4 +30,4 @@ Only the optimiser or environment knows its structure.
 """
 
 Untyped: TypeAlias = Any
-"""A module, object or keyword arguments of a library that has no types or is optional."""
+"""What has no types: a module, object or keyword arguments of a library, or an annotation."""

@@ -5,16 +5,19 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, NoReturn, TypeAlias
+from typing import NamedTuple, NoReturn, TypeAlias, TypeVar, cast
 
-from elitelanes_jax._util.checks import TILE_PX, Check, folder, path, whole
-from elitelanes_jax._util.errors import InputError, suggest
+from elitelanes_jax._util.checks import TILE_PX, folder, path, whole
+from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.cli.program import fail
 from elitelanes_jax.search.settings import OPTIONS, Settings
 from elitelanes_jax.search.spec import SearchSpec
+
+T = TypeVar("T")
+R = TypeVar("R", bound=Record | SearchSpec)
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The commands of a parser; argparse has no public name for their type."""
@@ -63,10 +66,10 @@ class Parser(argparse.ArgumentParser):
         raise SystemExit(fail(self.prog, message, 2))
 
 
-def checked_by(check: Check) -> Callable[[str], UserValue]:
+def checked_by(check: Callable[[str], T]) -> Callable[[str], T]:
     """Makes a type of argument from a check."""
 
-    def parse(text: str) -> UserValue:
+    def parse(text: str) -> T:
         try:
             return check(text)
         except InputError as error:
@@ -84,7 +87,7 @@ def file_ending(*suffixes: str) -> Callable[[str], UserValue]:
     def check(text: UserValue) -> Path:
         file: Path = path(text)
         if file.suffix.lower() not in suffixes:
-            raise InputError("", f"a name that ends in {known}", repr(text[:40]))
+            raise InputError("", f"a name that ends in {known}", shorten(repr(str(text)), 40))
         return file
 
     return checked_by(check)
@@ -222,7 +225,7 @@ def naming(prefix: object) -> Iterator[None]:
         raise error.within(prefix) from None
 
 
-def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> UserValue:
+def read_options(options: argparse.Namespace, defaults: R) -> R:
     """Returns the record with the values from the command line; errors name the option."""
     fields = _fields_of(defaults)
     values: dict[str, Untyped] = {}
@@ -237,7 +240,7 @@ def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> 
             values[name] = getattr(options, name)
     # The record checks its fields here, and its errors name them.
     with naming_options(defaults):
-        return defaults.replace(**values)
+        return cast(R, defaults.replace(**values))
 
 
 @contextmanager

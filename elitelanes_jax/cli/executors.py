@@ -4,18 +4,18 @@ import argparse
 import asyncio
 import logging
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import which
 from types import ModuleType
 
-from elitelanes_jax._util.checks import Check, whole
+from elitelanes_jax._util.checks import whole
 from elitelanes_jax._util.engine import Engine, Pool
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.folders import locked, remove
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.cli.arguments import checked_by
 
 # Seconds that a scheduler has to answer. The whole command fails within ten, also on a busy
@@ -32,13 +32,13 @@ _TASKS = ("nodes", "tasks_per_node", "ntasks")
 _LISTS = ("setup", "teardown", "srun_args")
 
 
-def _text_of(expected: str) -> Check[str]:
+def _text_of(expected: str) -> Callable[[str], str]:
     """Makes a check for a text that is not blank."""
 
-    def check(text: UserValue) -> str:
+    def check(text: str) -> str:
         if not text.strip():
             raise InputError("", expected, repr(text))
-        return str(text)
+        return text
 
     return check
 
@@ -149,7 +149,7 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
     submitit = import_optional("submitit", "--slurm needs Submitit", "submitit")
     # Errors come as one line of this command instead of Submitit's log.
     logging.getLogger("submitit").setLevel(logging.CRITICAL)
-    values: UserValue = {}
+    values: dict[str, Untyped] = {}
     try:
         # A value with spaces is quoted.
         words = shlex.split(text)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 from math import floor, prod
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeVar
 
 from elitelanes_jax._util.checks import (
     SEED,
@@ -38,6 +38,8 @@ from elitelanes_jax.maps.spec import SPLITS, parse_part, parse_split
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.search.resolve import plain_spec
 from elitelanes_jax.search.spec import SearchSpec
+
+V = TypeVar("V")
 
 # The default search of a dataset.
 _USUAL_SEARCH = SearchSpec(evaluations=100_000)
@@ -204,7 +206,7 @@ class DatasetSpec(Record):
         self._take("maps", len(given.maps), str)
         self._take("size", size, describe_sides)
 
-    def _take(self, name: str, value: UserValue, tell: Callable[[UserValue], str]) -> None:
+    def _take(self, name: str, value: V, tell: Callable[[V], str]) -> None:
         """Sets an option to that of the given maps.
 
         The user may have given the same value, or none.

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Key, UInt8, UInt32
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, is_whole, whole
+from elitelanes_jax._util.checks import check_named, instance, is_whole, none_or, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.running import runs_jax
@@ -400,10 +400,9 @@ class Batch:
             expected = f"the index of a level, or {self.envs} of them"
             raise InputError("level", expected, shorten(repr(levels)))
         last = len(self.params.levels.grid) - 1
-        for level in levels:
-            if level is not None and not (is_whole(level) and 0 <= level <= last):
-                raise InputError("level", f"a whole number, 0 to {last}", shorten(repr(level), 40))
-        indices = [-1 if level is None else int(level) for level in levels[:: self.robots]]
+        check = none_or(whole(0, last))
+        checked = [check_named("level", check, level) for level in levels]
+        indices = [-1 if level is None else level for level in checked[:: self.robots]]
         return np.resize(np.array(indices, np.int32), self._rows)
 
     def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:

@@ -14,7 +14,7 @@ from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -33,7 +33,7 @@ def checks_first(**checks: Check) -> Callable[[Callable[P, R]], Callable[P, R]]:
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         names = list(signature(function).parameters)
 
-        def check(name: str, value: UserValue) -> UserValue:
+        def check(name: str, value: Untyped) -> Untyped:
             return check_named(name, checks[name], value) if name in checks else value
 
         @wraps(function)

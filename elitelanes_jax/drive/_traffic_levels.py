@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int, Int8, Int16, Int32
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int16, Int32
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
@@ -69,7 +69,7 @@ class TrafficLevels(NamedTuple):
     part: Int32[Array, "N L 2"]
     distance: Int16[Array, "N L L"]
 
-    def at(self, index: Int[UserValue, ""]) -> Int32[Array, ""]:
+    def at(self, index: Int[ArrayLike, ""]) -> Int32[Array, ""]:
         """Returns a level: the index of its town, because its tables are large."""
         return jnp.asarray(index)
 

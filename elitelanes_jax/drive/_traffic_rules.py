@@ -11,7 +11,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, one_of, whole
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.lanes.movements import EXIT, TURNS
 
 RULES = ("allway_stop", "right_before_left", "traffic_light")
@@ -107,7 +107,7 @@ def check_rule(rule: UserValue) -> TrafficRule:
     _check_flags("by_arrival", rule.by_arrival, _shape(rule.by_arrival) == (), "")
     phases, *headings = _shape(rule.green) or [0]
     _check_flags("green", rule.green, phases > 0 and headings == [4], "P, 4")
-    steps: UserValue = rule.phase_steps
+    steps: Numeric = rule.phase_steps
     is_integer = _shape(steps) == () and jnp.issubdtype(jnp.result_type(steps), jnp.integer)
     # The number of a tracer is not known.
     is_known = is_integer and not isinstance(steps, jax.core.Tracer)
@@ -117,7 +117,7 @@ def check_rule(rule: UserValue) -> TrafficRule:
     return TrafficRule(*map(frozen_copy, rule))
 
 
-def _shape(value: UserValue) -> tuple[int, ...] | None:
+def _shape(value: ArrayLike) -> tuple[int, ...] | None:
     """Returns the shape of an array; None for lists of several lengths."""
     try:
         return np.shape(value)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
+from elitelanes_jax._util.checks import SEED, check_named, is_whole, items_of, one_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import (
@@ -109,7 +109,8 @@ def gymnasium_vector_env(
                 observation = self._batch.reset(_list_seeds(seed, batch.envs), chosen, levels)
                 super().reset(seed=int(seed))
             else:
-                observation = self._batch.reset(seed, chosen, levels)
+                seeds: Untyped = seed
+                observation = self._batch.reset(seeds, chosen, levels)
             self._over = self._over & ~chosen
             return observation, {}
 
@@ -169,8 +170,8 @@ def _list_seeds(first: UserValue, envs: int) -> range:
 
 def _list_levels(level: UserValue, envs: int) -> Sequence[UserValue]:
     """Returns the level of each environment: a list of them, or one for all."""
-    if isinstance(level, list | tuple) or np.ndim(level) == 1:
-        return list(level)
+    if isinstance(level, list | tuple) or getattr(level, "ndim", 0) == 1:
+        return items_of(level)
     return [level] * envs
 
 

@@ -18,7 +18,7 @@ from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Pytree, Untyped, UserValue
+from elitelanes_jax._util.types import OptionValue, Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import (
     DISABLED,
     Batch,
@@ -56,7 +56,7 @@ def make(
     *,
     count: int = ...,
     seed: int = ...,
-    **settings: UserValue,
+    **settings: OptionValue,
 ) -> tuple[Environment, RoadNavParams]: ...
 
 
@@ -67,13 +67,13 @@ def make(
     *,
     count: int = ...,
     seed: int = ...,
-    **settings: UserValue,
+    **settings: OptionValue,
 ) -> tuple[Environment, LaneDriveParams]: ...
 
 
 @overload
 def make(
-    name: Literal["RoadTraffic"], maps: UserValue, **settings: UserValue
+    name: Literal["RoadTraffic"], maps: UserValue, **settings: OptionValue
 ) -> tuple[Environment, RoadTrafficParams]: ...
 
 
@@ -84,7 +84,7 @@ def make(
     *,
     count: int | None = ...,
     seed: int | None = ...,
-    **settings: UserValue,
+    **settings: OptionValue,
 ) -> tuple[Environment, RoadNavParams | LaneDriveParams | RoadTrafficParams]: ...
 
 
@@ -95,7 +95,7 @@ def make(
     *,
     count: int | None = None,
     seed: int | None = None,
-    **settings: UserValue,
+    **settings: OptionValue,
 ) -> tuple[Environment, RoadNavParams | LaneDriveParams | RoadTrafficParams]:
     """Returns an environment and its parameters, with levels on the maps.
 

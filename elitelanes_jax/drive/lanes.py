@@ -10,6 +10,7 @@ a Python number, which compiled programs contain. A tile set may have its own
 (`TileSet.lane_offset`).
 """
 
+from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -32,7 +33,7 @@ from elitelanes_jax._util.checks import (
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import one_number
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.lanes.curves import (
     LANE_OFFSET,
     check_lane_offset,
@@ -96,7 +97,7 @@ def single(kind: type[R]) -> Check[R]:
     words = "numbers" if is_pose else "whole numbers"
 
     def check(value: UserValue) -> R:
-        fields = instance(kind)(value)
+        fields: Iterable[Numeric] = instance(kind)(value)
         if any(map(np.ndim, fields)):
             hint = "jax.vmap takes several"
             raise InputError("", f"one {kind.__name__}", shorten(repr(value)), hint)
@@ -109,7 +110,7 @@ def single(kind: type[R]) -> Check[R]:
     return check
 
 
-def _to_float(number: UserValue) -> UserValue:
+def _to_float(number: Numeric) -> Numeric:
     """Returns a whole number of Python or NumPy as a float; anything else unchanged.
 
     JAX drops the upper bits of a larger whole number of NumPy, so that 2**32 becomes 0. For one of

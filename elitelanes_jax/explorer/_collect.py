@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeGuard
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import TILE_PX, check_named, is_folder, paths
@@ -22,6 +23,9 @@ from elitelanes_jax.explorer._shown import (
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+if TYPE_CHECKING:
+    from elitelanes_jax.search.result import Result
 
 
 @name_wrong_arguments
@@ -100,7 +104,7 @@ def _collect_named(sources: Mapping[str, UserValue]) -> list[ShownRun]:
     return _with_distinct_names(runs)
 
 
-def _is_result(value: UserValue) -> bool:
+def _is_result(value: UserValue) -> TypeGuard["Result"]:
     # Asking for the class would load the search, which pages of maps do not need.
     return hasattr(value, "elites") and hasattr(value, "search")
 

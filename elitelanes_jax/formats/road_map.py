@@ -24,7 +24,7 @@ from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
 from elitelanes_jax._util.progress import announce_at_end
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import Plain, Untyped, UserValue
 from elitelanes_jax.formats.dt_layers import is_layers, read_layers
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
@@ -91,7 +91,7 @@ class RoadMap:
         # A change of the codes would contradict the metrics.
         codes = frozen_copy(known_grid(self.codes))
         height, width = codes.shape
-        fields: dict[str, UserValue] = {"codes": codes}
+        fields: dict[str, Plain] = {"codes": codes}
         # Every field becomes a plain value, so a map made in Python equals the map that its file
         # gives.
         for name, (fits, expected) in _FIELDS.items():
@@ -235,7 +235,7 @@ def read_maps(file: str | Path) -> list[RoadMap]:
 
 
 @name_wrong_arguments
-def as_maps(sources: UserValue) -> list[RoadMap]:
+def as_maps(sources: Untyped) -> list[RoadMap]:
     """Returns one map or several as a list.
 
     Args:

@@ -7,7 +7,7 @@ take another offset: 0 is the road's middle.
 
 from functools import cache
 from math import pi
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from jaxtyping import Float
@@ -40,7 +40,7 @@ CHORDS = 16
 """The chords of a quarter circle in formats that have no arcs: 0.12 % of its radius from it."""
 
 
-def is_lane_offset(value: UserValue) -> bool:
+def is_lane_offset(value: UserValue) -> TypeGuard[float]:
     """Returns whether a value is a distance from the road's middle to the centre of a lane.
 
     The distance is in tiles, over 0 and under 0.5.

@@ -5,14 +5,14 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Int
 
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.network.checks import check_grid, known_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, SIDES, Side
 
 Cell = tuple[int, int]
 """A cell of a grid: row and column, from the north-west corner."""
 
-Codes: TypeAlias = Int[UserValue, "H W"]
+Codes: TypeAlias = Int[Untyped, "H W"]
 """A grid of codes, an array of NumPy or JAX."""
 
 

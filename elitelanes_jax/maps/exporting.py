@@ -26,7 +26,7 @@ from elitelanes_jax._util.checks import (
 )
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import OptionValue, UserValue
 from elitelanes_jax.formats.dt_maps import LAYERS
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import Standing
@@ -63,7 +63,7 @@ class Format(NamedTuple):
         """Returns the path of each file of a map in its folder; `name` is theirs without suffix."""
         return [f"{self.prefix}{name}{suffix}" for suffix in self.suffixes]
 
-    def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> dict[str, bytes]:
+    def files(self, road_map: RoadMap, name: str, **settings: OptionValue) -> dict[str, bytes]:
         """Returns the content of each file of a map by its path; `name` is theirs without suffix."""
         made = self.convert(road_map, name, **settings)
         contents = (made,) if isinstance(made, str | bytes) else made
@@ -133,32 +133,32 @@ def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
     ]
 
 
-def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Iterable[str]:
+def _sumo(road_map: RoadMap, name: str, **measures: OptionValue) -> Iterable[str]:
     from elitelanes_jax.formats.sumo import to_sumo
 
     return to_sumo(road_map, name, Streets(**measures))
 
 
-def _opendrive(road_map: RoadMap, name: str, **measures: UserValue) -> str:
+def _opendrive(road_map: RoadMap, name: str, **measures: OptionValue) -> str:
     from elitelanes_jax.formats.opendrive import to_opendrive
 
     return to_opendrive(road_map, Streets(**measures), name=name)
 
 
-def _lanelet2(road_map: RoadMap, name: str, **measures: UserValue) -> str:
+def _lanelet2(road_map: RoadMap, name: str, **measures: OptionValue) -> str:
     from elitelanes_jax.formats.lanelet2 import to_lanelet2
 
     return to_lanelet2(road_map, Streets(**measures))
 
 
-def _commonroad(road_map: RoadMap, name: str, **measures: UserValue) -> str:
+def _commonroad(road_map: RoadMap, name: str, **measures: OptionValue) -> str:
     from elitelanes_jax.formats.commonroad import to_commonroad
 
     return to_commonroad(road_map, Streets(**measures))
 
 
 def _pufferdrive(
-    road_map: RoadMap, name: str, traffic_seed: int = 0, **measures: UserValue
+    road_map: RoadMap, name: str, traffic_seed: int = 0, **measures: OptionValue
 ) -> Iterable[str | bytes]:
     from elitelanes_jax.formats.pufferdrive import to_pufferdrive
 
@@ -166,7 +166,7 @@ def _pufferdrive(
 
 
 def _scenarionet(
-    road_map: RoadMap, name: str, traffic_seed: int = 0, **measures: UserValue
+    road_map: RoadMap, name: str, traffic_seed: int = 0, **measures: OptionValue
 ) -> bytes:
     from elitelanes_jax.formats.scenarionet import to_scenarionet
 
@@ -209,14 +209,14 @@ def _floor(
     return png_of(image), size.get("tile_size", TILE_SIZE), standing_objects(objects)
 
 
-def _gltf(road_map: RoadMap, name: str, **settings: UserValue) -> bytes:
+def _gltf(road_map: RoadMap, name: str, **settings: OptionValue) -> bytes:
     from elitelanes_jax.formats.gltf import to_gltf
 
     picture, size, standing = _floor(road_map, **settings)
     return to_gltf(road_map.codes.shape, picture, size, standing)
 
 
-def _mujoco(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, bytes]:
+def _mujoco(road_map: RoadMap, name: str, **settings: OptionValue) -> tuple[str, bytes]:
     from elitelanes_jax.formats.mujoco import to_mjcf
 
     picture, size, standing = _floor(road_map, **settings)
@@ -224,7 +224,7 @@ def _mujoco(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, b
     return to_mjcf(road_map.codes, f"{name}.png", size, standing, lane_offset), picture
 
 
-def _usd(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, bytes]:
+def _usd(road_map: RoadMap, name: str, **settings: OptionValue) -> tuple[str, bytes]:
     from elitelanes_jax.formats.usd import to_usd
 
     picture, size, standing = _floor(road_map, **settings)
@@ -305,7 +305,7 @@ class FormatOptions(Record):
         """Returns the settings that are not None, by name."""
         return {key: value for key, value in self.values().items() if value is not None}
 
-    def loaded(self) -> dict[str, UserValue]:
+    def loaded(self) -> dict[str, OptionValue]:
         """Returns the chosen settings with the tile set in place of its folder.
 
         Therefore all maps have equal tiles. Raises `InputError` for a bad tile set.

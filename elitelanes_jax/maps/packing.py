@@ -21,7 +21,7 @@ from elitelanes_jax._util.folders import foreign_file, output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce_at_end
 from elitelanes_jax._util.sums import SUMS, read_sealed_lines, read_sums, sealed_line, write_sums
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import OptionValue, Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.sumo import to_sumo_trips
 from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
@@ -235,7 +235,7 @@ def _write(
     town: _Town,
     written: RoadMap,
     folder: Path,
-    settings: Mapping[str, UserValue],
+    settings: Mapping[str, OptionValue],
     journal: _Journal,
 ) -> dict[str, Plain]:
     """Writes the files of a map; returns its row of the table.
@@ -267,7 +267,7 @@ def _write_formats(
     spec: PackSpec,
     town: _Town,
     folder: Path,
-    settings: Mapping[str, UserValue],
+    settings: Mapping[str, OptionValue],
     journal: _Journal,
 ) -> None:
     """Writes the files of a map in all formats."""

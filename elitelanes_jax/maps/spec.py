@@ -14,6 +14,7 @@ from elitelanes_jax._util.checks import (
     check_unique,
     flag,
     instance,
+    items_of,
     none_or,
     one_of,
     path,
@@ -44,7 +45,7 @@ def parse_split(split: UserValue) -> tuple[float, float, float]:
     try:
         # Shares may be texts, as commands give them. Unpacking raises an error for more or fewer
         # than three.
-        train, validation, test = map(real(0, 1), parts)
+        train, validation, test = map(real(0, 1), items_of(parts))
     except InputError:
         raise
     # An `InputError`, also a `ValueError`, already says which share is wrong, so it is handled
@@ -67,7 +68,7 @@ def check_size(size: UserValue) -> tuple[int, int]:
     # A text may have an x or spaces between the numbers.
     sides = size.lower().replace("x", " ").split() if isinstance(size, str) else size
     try:
-        numbers = [whole(0)(side) if isinstance(side, str) else side for side in sides]
+        numbers = [whole(0)(side) if isinstance(side, str) else side for side in items_of(sides)]
         return check_shape(numbers, new=True)
     except InputError as error:
         # The message must not name an argument of another function.
@@ -80,7 +81,7 @@ def parse_part(part: UserValue) -> tuple[int, int]:
     """Reads the index of a part, from 1, and the number of parts: ``3/10`` or (3, 10)."""
     pair = part.split("/") if isinstance(part, str) else part
     try:
-        index, count = pair
+        index, count = items_of(pair)
         return whole(1, whole(1)(count))(index), whole(1)(count)
     except (TypeError, ValueError):
         # An `InputError` is a `ValueError`, and its message would not name the form of a part.

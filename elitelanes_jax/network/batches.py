@@ -45,7 +45,7 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
     Raises:
       InputError: if the kernel is not a function, or the block is not a whole number of 1 or more.
     """
-    kernel = check_named("kernel", function, kernel)
+    check_named("kernel", function, kernel)
     block = check_named("block", none_or(whole(1)), block)
 
     def in_blocks(*args: Pytree) -> R:

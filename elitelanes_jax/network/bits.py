@@ -33,12 +33,12 @@ def mix(number: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
 
 def check_key(key: UserValue) -> None:
     """Raises `InputError` for anything but one key of JAX, new or old style."""
-    is_array = isinstance(key, jax.Array | np.ndarray)
-    is_new = is_array and jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and key.ndim == 0
-    # A key of the old style is a vector.
-    is_old = is_array and key.dtype == jnp.uint32 and key.ndim == 1
-    if not is_new and not is_old:
-        raise InputError("key", "a jax.random.key", shorten(repr(key)))
+    if isinstance(key, jax.Array | np.ndarray):
+        is_new = jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+        # A key of the old style is a vector.
+        if (is_new and key.ndim == 0) or (key.dtype == jnp.uint32 and key.ndim == 1):
+            return
+    raise InputError("key", "a jax.random.key", shorten(repr(key)))
 
 
 THREEFRY = "threefry2x32"

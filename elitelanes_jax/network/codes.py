@@ -4,11 +4,11 @@ All constants are of NumPy. A code is ``8·N + 4·E + 2·S + 1·W`` (paper, sect
 Network Representation").
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
+from elitelanes_jax._util.checks import items_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, UserValue
 
@@ -109,14 +109,14 @@ def transpose_codes(codes: AnyArray) -> AnyArray:
     return exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH)
 
 
-def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
+def check_alphabet(codes: UserValue) -> tuple[int, ...]:
     """Checks a set of tile codes; returns it as a sorted tuple without repeats.
 
     Raises `InputError` if it is empty.
     """
     expected = "tile codes, whole numbers 0 to 15"
     try:
-        listed = np.asarray(codes if hasattr(codes, "shape") else list(codes)).ravel().tolist()
+        listed = np.asarray(codes if hasattr(codes, "shape") else items_of(codes)).ravel().tolist()
     except (TypeError, ValueError):
         # The value cannot be iterated over, or its rows have several lengths.
         raise InputError("alphabet", expected, repr(codes)) from None

@@ -7,7 +7,7 @@ from typing import TypeVar
 import jax
 
 from elitelanes_jax._util.records import Record
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Untyped, UserValue
 
 R = TypeVar("R", bound=Record)
 
@@ -22,12 +22,12 @@ def pytree(kind: type[R]) -> type[R]:
     structure = [item.name for item in fields(kind) if item.metadata.get("static")]  # type: ignore[arg-type]
     children = [name for name in kind.options() if name not in structure]
 
-    def flatten(record: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
+    def flatten(record: R) -> tuple[list[Untyped], tuple[Untyped, ...]]:
         values = [getattr(record, name) for name in children]
         values_of_structure = tuple(getattr(record, name) for name in structure)
         return values, values_of_structure
 
-    def flatten_with_keys(record: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
+    def flatten_with_keys(record: R) -> tuple[list[Untyped], tuple[Untyped, ...]]:
         values, values_of_structure = flatten(record)
         # The keys name the fields in paths, such as those of error messages.
         keys = map(jax.tree_util.GetAttrKey, children)

@@ -73,10 +73,9 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
 
 def _check_user_move(name: str, value: UserValue) -> tuple[AnyArray, Move]:
     """Checks the weight and the move of one name."""
-    is_pair = isinstance(value, tuple | list) and len(value) == 2
-    if not is_pair or not isinstance(value[1], Move):
+    weight, move = value if isinstance(value, tuple | list) and len(value) == 2 else (None, None)
+    if not isinstance(move, Move):
         raise InputError(name, "a weight and a Move", shorten(repr(value)))
-    weight, move = value
     check_named(f"{name}: apply", function_of("bits", "grid", "mate"), move.apply)
     return check_named(name, number_or_array(whole(0), whole=True), weight), move
 

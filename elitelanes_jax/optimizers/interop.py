@@ -63,8 +63,8 @@ def qdax_scoring_fn(
 
 
 def _check_niches(problem: UserValue) -> None:
-    check_named("problem", instance(Problem), problem)
-    check_named("problem", _count_niches, problem)
+    checked = check_named("problem", instance(Problem), problem)
+    check_named("problem", _count_niches, checked)
 
 
 def _count_niches(problem: Problem) -> int:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -172,11 +173,11 @@ def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Po
 
     Raises `InputError` if they do not fit.
     """
-    check_named("optimizer: elites", instance(Population), elites)
+    checked = check_named("optimizer: elites", instance(Population), elites)
     # The optimiser may be the user's. Its arrays may be of NumPy, and have other widths of
     # integers.
-    slots = np.shape(elites.fitness)[:1]
-    grids, fitness, columns = (jnp.asarray(array) for array in elites)
+    slots = np.shape(checked.fitness)[:1]
+    grids, fitness, columns = (jnp.asarray(array) for array in checked)
     for name, array in (("grids", grids), ("features", columns)):
         if not jnp.issubdtype(array.dtype, jnp.integer):
             raise InputError("optimizer: elites", f"{name} of whole numbers", array.dtype)
@@ -210,7 +211,7 @@ def _check_step(state: Pytree, outcome: UserValue) -> None:
     )
 
 
-def _is_state_and_info(outcome: UserValue) -> bool:
+def _is_state_and_info(outcome: UserValue) -> TypeGuard[tuple[Pytree, Info]]:
     if not isinstance(outcome, tuple) or len(outcome) != 2:
         return False
     return set(Info._fields) <= set(getattr(outcome[1], "_fields", ()))

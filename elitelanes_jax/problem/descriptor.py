@@ -16,12 +16,13 @@ from elitelanes_jax._util.checks import (
     check_named,
     check_unique,
     is_whole,
+    items_of,
     listed,
     split_settings,
 )
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import transfers
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.features import check_feature, default_width, select_features
 
@@ -124,7 +125,7 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
     try:
         if isinstance(axes, Mapping):
             axes = [_axis_of(name, bins) for name, bins in axes.items()]
-        checked = tuple(_check_axis(axis, features) for axis in axes)
+        checked = tuple(_check_axis(axis, features) for axis in items_of(axes))
     except TypeError:
         got = shorten(repr(axes))
         raise InputError("axes", "axes such as 'straight_share:10'", got) from None
@@ -205,7 +206,7 @@ def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     return niche
 
 
-def _axis_of(name: UserValue, bins: UserValue) -> Axis:
+def _axis_of(name: Untyped, bins: Untyped) -> Axis:
     """Returns the axis of an entry of a mapping: the bins, or the bins and their width."""
     arguments = bins if isinstance(bins, tuple | list) else [bins]
     return Axis(name, *arguments)
@@ -241,7 +242,7 @@ def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
     return axis
 
 
-def _to_python(value: UserValue) -> UserValue:
+def _to_python(value: Untyped) -> Untyped:
     """Returns a whole number as one of Python, and any other value unchanged."""
     if is_whole(value):
         return int(value)

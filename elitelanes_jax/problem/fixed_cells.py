@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Int, Int8
 
 from elitelanes_jax._util.cells import describe_cell
-from elitelanes_jax._util.checks import is_whole, path
+from elitelanes_jax._util.checks import is_whole, items_of, path
 from elitelanes_jax._util.errors import InputError, brief, reason, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.types import Plain, UserValue
@@ -69,7 +69,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     elif hasattr(cells, "shape"):
         cells = np.asarray(cells).tolist()
     try:
-        rows = [list(row) for row in cells]
+        rows = [items_of(row) for row in items_of(cells)]
     except TypeError:
         got = shorten(reprlib.repr(cells))
         raise InputError(name, "rows of tile codes, or null for free cells", got) from None

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from pathlib import Path
 
-from elitelanes_jax._util.checks import check_named, check_unique, split_settings, whole
+from elitelanes_jax._util.checks import check_named, check_unique, items_of, split_settings, whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import UserValue
@@ -61,9 +61,9 @@ def _split_pair(pair: UserValue) -> tuple[UserValue, UserValue]:
         name, _, number = pair.partition("=")
         if not name.strip() or not number.strip():
             raise ValueError(pair)
-    else:
-        name, number = pair
-    return name, number
+        return name, number
+    first, second = items_of(pair)
+    return first, second
 
 
 def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
@@ -75,9 +75,9 @@ def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
     if isinstance(inventory, str | Path):
         inventory = split_settings(str(inventory))
     # A path has no settings to split, so it is one part. The command line also gives a list.
-    is_single = isinstance(inventory, list | tuple) and len(inventory) == 1
-    if is_single and str(inventory[0]).endswith(".toml"):
-        inventory = read_toml(inventory[0], f"inventory: {inventory[0]}")
+    parts = inventory if isinstance(inventory, list | tuple) else []
+    if len(parts) == 1 and str(parts[0]).endswith(".toml"):
+        inventory = read_toml(parts[0], f"inventory: {parts[0]}")
     counts = dict(parse_numbers("inventory", COUNTED, inventory, least=0))
     if not any(counts.values()):
         raise InputError("inventory", f"tiles, {', '.join(COUNTED)}", "none")

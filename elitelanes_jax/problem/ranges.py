@@ -203,7 +203,7 @@ def _parse(text: UserValue, features: Collection[str] | None) -> Range:
 def _range(
     source: str, name: UserValue, limits: UserValue, features: Collection[str] | None
 ) -> Range:
-    check_feature(source, name, features)
+    feature = check_feature(source, name, features)
     if isinstance(limits, str) and ".." in limits:
         low_text, high_text = limits.split("..", 1)
         limits = (low_text.strip() or None, high_text.strip() or None)
@@ -211,14 +211,14 @@ def _range(
         limits = (limits, limits)
     if len(limits) != 2:
         raise InputError(source, "a number or two limits", shorten(repr(limits)))
-    low = _limit(source, name, limits[0])
-    high = _limit(source, name, limits[1])
+    low = _limit(source, feature, limits[0])
+    high = _limit(source, feature, limits[1])
     if low is None and high is None:
         raise InputError(source, "at least one limit", "none")
     if low is not None and high is not None and low > high:
         got = f"{_format(low)} before {_format(high)}"
         raise InputError(source, "the lower limit first", got)
-    return Range(name, low, high)
+    return Range(feature, low, high)
 
 
 def _limit(source: str, name: str, limit: UserValue) -> Fraction | None:

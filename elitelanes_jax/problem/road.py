@@ -21,6 +21,7 @@ from elitelanes_jax._util.checks import (
     check_unique,
     flag,
     instance,
+    items_of,
     listed,
 )
 from elitelanes_jax._util.copies import frozen_copy
@@ -357,14 +358,14 @@ def _penalties(features: Int32[Array, "... F"], *, road: RoadProblem) -> Int32[A
 def _check_measured(names: UserValue, features: Mapping[str, Kernel]) -> tuple[str, ...]:
     """Checks the names of features to measure."""
     if not isinstance(names, str):
-        names = tuple(names)
+        names = tuple(items_of(names))
     checked = []
     for name in check_named("measured", listed(str), names):
         checked.append(check_feature("measured", name, features))
     return tuple(checked)
 
 
-def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyArray:
+def _check_feature_weights(weights: AnyArray, measured: Sequence[str]) -> AnyArray:
     """Checks the weights of the measured features; returns them as an array."""
     array = weights if hasattr(weights, "dtype") else np.asarray(weights)
     check_unique("measured", "name", measured)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, real
+from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, items_of, real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.features import check_feature, is_share
@@ -97,15 +97,15 @@ def _spread(values: Float[np.ndarray, "N D"]) -> Float[np.ndarray, " D"]:
 
 def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues:
     try:
-        name, values = pair
-        values = list(values)
+        first, second = items_of(pair)
+        values = items_of(second)
     except (TypeError, ValueError):
         raise InputError("targets", "a feature with its values", shorten(repr(pair))) from None
-    check_feature("targets", name, features)
+    name = check_feature("targets", first, features)
     least = -LARGEST if name in features else 0
     most = 1 if is_share(name) else LARGEST
     check = real(least, most)
     read = tuple(check_named(f"targets: {name}", check, value) for value in values)
     if not read:
         raise InputError(f"targets: {name}", "at least one value", "none")
-    return ExampleValues(str(name), read)
+    return ExampleValues(name, read)

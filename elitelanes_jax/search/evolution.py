@@ -19,7 +19,7 @@ from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.engine import Engine, check_pool
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.presets import Config
@@ -159,7 +159,7 @@ def _check_none_with_executor(**arguments: UserValue) -> None:
             raise InputError(name, "none with an executor", got)
 
 
-def _with_options(spec: UserValue, options: Mapping[str, UserValue]) -> SearchSpec:
+def _with_options(spec: UserValue, options: Mapping[str, Untyped]) -> SearchSpec:
     """Returns a specification with the options of a call."""
     spec = check_named("spec", instance(SearchSpec), spec)
     # The command calls these arguments otherwise.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import inputs_among
-from elitelanes_jax._util.types import OptionValue, UserValue
+from elitelanes_jax._util.types import OptionValue, Untyped, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.records import Weights
 from elitelanes_jax.problem.descriptor import Axis
@@ -129,7 +129,7 @@ class SearchSpec:
         if _check_budget(options):
             for name in BUDGET:
                 earlier.pop(name, None)
-        both: UserValue = {**earlier, **options}
+        both: Untyped = {**earlier, **options}
         spec = type(self)(**both)
         object.__setattr__(spec, "inputs", tuple(dict.fromkeys((*spec.inputs, *self.inputs))))
         return spec

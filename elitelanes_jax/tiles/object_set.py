@@ -41,7 +41,7 @@ from elitelanes_jax._util.checks import (
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import Plain, Untyped, UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import (
     OBJECT_KINDS,
@@ -384,7 +384,7 @@ def _read_about(file: Path) -> _About:
         if key not in about:
             raise InputError(file, f"the keys {', '.join(_KEYS)}", f"no {key}")
     kind = check_named(str(file), check_kind, about["kind"])
-    height = about["height"]
+    height: Untyped = about["height"]
     is_flat = OBJECT_KINDS[base_kind(kind)].height == 0
     # Tags on the floor have height 0, and all other objects are higher.
     if is_flat and not (is_real(height) and height == 0):
