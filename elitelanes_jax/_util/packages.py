@@ -57,8 +57,8 @@ def _version(name: str) -> str | None:
 def import_optional(module: str, need: str, package: str | None = None) -> ModuleType:
     """Imports a module that may not be installed.
 
-    The error has the text `need`, which ends with the package's name, how to install `package`, by
-    default the module, and which extra of this package brings it.
+    The error has the text `need`, which ends with the package's name. It says how to install
+    `package`, by default the module, and which extra of this package brings it.
     """
     try:
         return import_module(module)

@@ -45,8 +45,8 @@ class Task(NamedTuple):
     """A task: for each niche, find the flawless network of lowest fitness.
 
     A network is flawless if it has one component and no dead end, boundary violation, mismatch,
-    adjacent crossings or adjacent turns, and in tasks of two descriptors no bridge. The fitness is
-    that of `elitelanes_jax.Weights()`.
+    adjacent crossings or adjacent turns. In tasks of two descriptors it also has no bridge. The
+    fitness is that of `elitelanes_jax.Weights()`.
 
     Attributes:
       name: size, second descriptor if there is one, and budget, such as ``8x8A-100000`` or

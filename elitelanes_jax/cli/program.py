@@ -1,7 +1,7 @@
 """The frame of the command line: messages, exit codes, signals.
 
-A user's mistake ends in one line on standard error and exit code 2, too few maps or too little
-memory in exit code 1, an interruption in 130. A fault of the program keeps its traceback.
+A user's mistake ends in one line on standard error and exit code 2. The exit code is 1 for too few
+maps or too little memory, and 130 for an interruption. A fault of the program keeps its traceback.
 """
 
 import os

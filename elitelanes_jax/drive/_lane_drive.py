@@ -82,7 +82,7 @@ def _reset_to_level(
     """Puts the robot on the start of a level, at rest, near the middle of its lane.
 
     The key is consumed. If it would touch an object there, it starts at the first of 8 places along
-    the lane of its tile where it touches none, and stays if there is none.
+    the lane of its tile where it touches none. If there is no such place, it stays.
     """
     read = partial(read_at, (level.grid, level.ways))
 
@@ -155,10 +155,10 @@ def _step(
 ) -> Transition:
     """Drives for one step of time.
 
-    The episode terminates at the goal of a route, on a dead end, when either side of the robot
-    leaves the road, and when it touches an object, unless `LaneDriveParams.collision` is "cost". It
-    is truncated at the limit. A robot that leaves its tile by another way than its movement
-    continues on that way.
+    The episode terminates at the goal of a route, on a dead end, and when either side of the robot
+    leaves the road. It also terminates when the robot touches an object, unless
+    `LaneDriveParams.collision` is "cost". It is truncated at the limit. A robot that leaves its
+    tile by another way than its movement continues on that way.
 
     Args:
       key: consumed, for noise and random turns.

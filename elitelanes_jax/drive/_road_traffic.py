@@ -1,6 +1,6 @@
 """RoadTraffic: robots that share a town, from lane to lane, until they reach goals or block each other.
 
-The model is that of `gridlock_number`: the lane of a tile has slots, a robot chooses its turn when
+The model is that of `gridlock_number`. The lane of a tile has slots. A robot chooses its turn when
 it enters a lane, and it moves only into a slot that was free before the step.
 """
 
@@ -123,9 +123,9 @@ def _step(
 ) -> Transition:
     """Moves all robots at once.
 
-    A robot moves to the next slot of its way if this slot was free before the step, it does not
-    wait, and at a line the rule lets it go. A robot that reaches its goal gets another one. The
-    episode terminates if robots are in gridlock: they wait for each other for ever.
+    A robot that does not wait moves to the next slot of its way if this slot was free before the
+    step. At a line, the rule must also let it go. A robot that reaches its goal gets another one.
+    The episode terminates if robots are in gridlock: they wait for each other for ever.
 
     Args:
       key: draws the new goals; consumed.

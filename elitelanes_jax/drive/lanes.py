@@ -1,6 +1,6 @@
 """Poses on lanes, in JAX.
 
-Lengths are in tiles. x points east and y south from the north-west corner of the grid, so that a
+Lengths are in tiles. x points east and y south from the north-west corner of the grid. Therefore a
 position times the side of a tile in pixels is the position in a picture of the map. Angles are
 counter-clockwise as seen from above, in radians; 0 is east.
 

@@ -28,8 +28,8 @@ class Robot(Record):
 
     The defaults, except `top_turn`, are constants of gym-duckietown's code. Wheels reach a
     command's speed at once, as in its versions of 2018. Its robot in version 6.1.34 is slower: a
-    command takes effect after 0.15 s, speed and turn approach their limits with time constants of
-    0.2 s and 0.25 s, and ``top_speed=0.6, wheel_distance=0.16`` has the same limits.
+    command takes effect after 0.15 s. Speed and turn approach their limits with time constants of
+    0.2 s and 0.25 s. ``top_speed=0.6, wheel_distance=0.16`` has the same limits.
 
     Attributes:
       dt: seconds per step.

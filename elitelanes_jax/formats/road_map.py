@@ -212,8 +212,8 @@ def read_map(file: str | Path) -> RoadMap:
     """Reads a map file; ``{"codes": [[...], ...]}`` is enough.
 
     Files ``.yaml`` and ``.yml`` are maps of Duckietown, and so are folders with ``tiles.yaml`` and
-    ``frames.yaml``. If the metrics in the file are not those of its codes, they are computed again,
-    and the map loses its fitness, descriptor, niche, seed and drawn tiles.
+    ``frames.yaml``. If the metrics in the file are not those of its codes, they are computed again.
+    The map then loses its fitness, descriptor, niche, seed and drawn tiles.
 
     Raises:
       InputError: if it cannot be read, has over 32 MiB or a bad entry; the message names the file.

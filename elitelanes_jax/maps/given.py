@@ -69,11 +69,11 @@ def parse_given(sources: UserValue) -> GivenMaps:
 
     Raises `InputError`, which names a bad file or folder.
 
-    The sources are one map or several, as `as_maps` takes them; or folders, whose maps are those of
-    a dataset or a pack, or all files ``map.json`` in them, or without any the files ``.json``,
-    ``.yaml`` and ``.yml`` and the folders of Duckietown's layers right in them. Of maps whose roads
-    are the same when moved, rotated or mirrored, the first one is used, so that no two splits have
-    the same network.
+    The sources are one map or several, as `as_maps` takes them, or folders. The maps of a folder
+    are those of a dataset or a pack, or else all files ``map.json`` in it. Without these they are
+    the files ``.json``, ``.yaml`` and ``.yml`` and the folders of Duckietown's layers right in it.
+    Of maps whose roads are the same when moved, rotated or mirrored, the first one is used, so that
+    no two splits have the same network.
     """
     if isinstance(sources, GivenMaps):
         return sources

@@ -18,11 +18,11 @@ a search:
     components        = tiles - roads + cyclomatic number
     a road is a bridge if and only if the same face is on both its sides
 
-Corner (r, c) is south-east of tile (r, c) and has the tile's index in the padded layout, in which an
-empty row comes before the tiles and an empty cell after each row. The inner corners have rows
-0..H-2 and columns 0..W-2; every other index belongs to the outer face. The road east of a tile
-separates the tile's corner from the corner to the north, and the road south of it from the corner
-to the west, so that each neighbour is a shift of one vector.
+Corner (r, c) is south-east of tile (r, c) and has the tile's index in the padded layout. In this
+layout, an empty row comes before the tiles and an empty cell after each row. The inner corners have
+rows 0..H-2 and columns 0..W-2; every other index belongs to the outer face. The road east of a tile
+separates the tile's corner from the corner to the north. The road south of it separates the corner
+from the one to the west. Therefore each neighbour is a shift of one vector.
 """
 
 from collections.abc import Sequence
@@ -121,7 +121,7 @@ def _initial_labels(layout: PaddedLayout) -> np.ndarray:
 
     The labels of inner corners are unique and rising. All other corners have the label of the outer
     face. Fewer than 255 inner corners, such as those of 16 x 16 tiles, have labels 1, 2, 3 and so
-    on, so that a label fits a byte and a sweep is cheapest. In larger grids the label is the
+    on. Such a label fits a byte, so that a sweep is cheapest. In larger grids the label is the
     corner's index, so that a label leads to its corner.
     """
     indices = np.arange((layout.height + 2) * layout.stride)

@@ -29,8 +29,8 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
     On a processor it computes one block after another, because the intermediate arrays of a whole
     batch do not fit its caches. The fitness of 262,144 grids of 12 x 12 tiles takes half of the
     time. On other devices the whole batch is computed at once. The results are those of `jax.vmap`,
-    bit for bit, if those of the kernel do not depend on the size of a batch, as ours do not. A
-    batch that is sharded over devices is divided by `jax.shard_map` first.
+    bit for bit, if the kernel's results do not depend on the size of a batch. Those of our kernels
+    do not. A batch that is sharded over devices is divided by `jax.shard_map` first.
 
     Args:
       kernel: a function of pytrees of arrays, such as `measure`, `repair`, or one of your own that

@@ -197,8 +197,8 @@ def _odd_numbers(
 def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Array, ""]]:
     """Sums each vector, whose largest possible element is given.
 
-    Counters are packed into the bits of one word, the widest first, and summed together, because
-    the sums take most of the time on a small grid.
+    Counters are packed into the bits of one word, the widest first, and summed together. On a small
+    grid the sums take most of the time.
     """
     # Each word is a list of counters: a name, the lowest bit, and the number of bits.
     words: list[list[tuple[str, int, int]]] = []

@@ -309,7 +309,7 @@ class PackedCells(NamedTuple):
 
     The bits of a cell are its code, or a mask of sides. The cells form one long vector, row by row.
     After the last row there are empty cells, at least one more than a row has. Many grids can then
-    be joined to one vector, every neighbour is a shift of it, and what a shift brings in from the
+    be joined to one vector. Every neighbour is a shift of it, and what a shift brings in from the
     next grid is empty. A step on all cells takes a few operations on few words.
     """
 

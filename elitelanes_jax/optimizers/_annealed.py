@@ -4,8 +4,8 @@ The methods differ in the mates whose blocks a chain copies.
 
 In the EA a chain is a parent with one offspring a step, and its mate is any grid of its island. The
 swarms move through the space of networks instead of a space of real numbers: a pull towards a good
-position copies a block of that grid, and a particle moves by itself with any other move (Clerc,
-"Discrete particle swarm optimization", 2004, does so with permutations). Grids are not sampled, so
+position copies a block of that grid. A particle moves by itself with any other move. Clerc,
+"Discrete particle swarm optimization", 2004, does so with permutations. Grids are not sampled, so
 that a grid near an optimum can come nearer.
 """
 

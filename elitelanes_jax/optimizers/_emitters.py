@@ -1,8 +1,8 @@
 """Emitters: the goals of chains, and the penalised fitness that leads to them.
 
 A goal is the niche that a chain pursues for one cycle. A chain with a goal is an improvement
-emitter (Fontaine et al., "Covariance matrix adaptation for the rapid illumination of behavior
-space", 2020) that anneals instead of adapting a distribution.
+emitter that anneals instead of adapting a distribution (Fontaine et al., "Covariance matrix
+adaptation for the rapid illumination of behavior space", 2020).
 """
 
 from typing import NamedTuple

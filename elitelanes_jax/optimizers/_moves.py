@@ -2,8 +2,8 @@
 
 A network is a set of links. Toggling the links of a loop keeps the parity of every tile's
 connections: corners, outlines and their sums are the cycle space of the lattice. Other moves copy a
-block of a network, to the same position or to another one, rotated or mirrored, from the grid
-itself or from a mate.
+block of the grid itself or of a mate. The block goes to the same position or to another one, and
+may be rotated or mirrored.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -86,9 +86,9 @@ def extreme_maps(name: str) -> tuple[Int8[np.ndarray, "H W"], Int8[np.ndarray, "
 def describe_features() -> dict[str, tuple[str, str]]:
     """Returns the meaning and the range of each metric, share and town feature, by name.
 
-    The range is the smallest and the largest value that searches found at 12 x 12, on maps with one
-    component, no dead ends and no empty cells. For a town feature, it is the kind of its values, and
-    "filled" with its value if all maps without empty cells have the same.
+    The range is the smallest and the largest value that searches found at 12 x 12. Their maps have
+    one component, no dead ends and no empty cells. For a town feature, it is the kind of its
+    values, and "filled" with its value if all maps without empty cells have the same.
     """
     shares = {share: f"{part} / {' + '.join(whole)}" for share, (part, whole) in SHARES.items()}
     meanings = shares | descriptions(Metrics) | descriptions(TownFeatures)

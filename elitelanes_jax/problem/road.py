@@ -130,9 +130,9 @@ def road_problem(
 ) -> Problem:
     """Makes the paper's problem: road networks of one size.
 
-    A grid is refused if a feature of the user has a size of 2**30 or more, if the user's fitness is
-    out of range or not a number, or if the sizes of the weighted features add up to over 2**29. It
-    has the fitness of a vacant slot and becomes no elite.
+    A grid is refused if the user's fitness is out of range or not a number, or if a feature of the
+    user has a size of 2**30 or more. It is also refused if the sizes of the weighted features add
+    up to over 2**29. It has the fitness of a vacant slot and becomes no elite.
 
     Args:
       shape: (height, width), each at least 2.

@@ -136,9 +136,9 @@ def feather(
 ) -> UInt8[NDArray, "h w 3"]:
     """Blends the tiles of a picture where their roads meet.
 
-    Within 2 % of a tile of a seam, but at least two pixels, each pixel is mixed with its mirror
-    image on the other side if both have the same label. The mirror image's share is one half at the
-    seam and falls with the distance by a cosine.
+    Within 2 % of a tile of a seam, but at least two pixels, pixels are mixed with their mirror
+    images on the other side. Both must have the same label. The mirror image's share is one half at
+    the seam and falls with the distance by a cosine.
     """
     codes = np.asarray(grid)
     size = image.shape[0] // codes.shape[0]

@@ -491,8 +491,8 @@ def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bo
 
     Lines that are about as thin as a pixel would then grow or vanish at some sizes. If a line's
     area would change by more than a third, the most covered pixels are kept instead, as many as its
-    area, and equally covered ones together. So each class keeps its share of the picture, unless it
-    is a straight line along a tile's side: that stays a line.
+    area. Equally covered pixels are kept together. So each class keeps its share of the picture,
+    unless it is a straight line along a tile's side: that stays a line.
     """
     cover = _resize(mask.astype(np.float32), size)
     half, area = cover >= 0.5, round(float(cover.sum()))

@@ -1,10 +1,10 @@
 """Signs and lights at crossings, by the appearance specification of Duckietown's operation manual.
 
-"Traffic signs", Placement: from each stop line two signs are visible, the control (a stop sign, or
-that a traffic light is ahead) and the topology (4-way, or the T that fits). They are on the
+"Traffic signs", Placement: from each stop line two signs are visible. The control is a stop sign,
+or says that a traffic light is ahead. The topology is 4-way, or the T that fits. They are on the
 opposite side of the crossing, on the corners of the cells next to it. These cells have no road or
-are outside the map. The figure of a 4-way crossing has the topology at the far right corner and the
-control at the far left one, farther from the crossing's own corner.
+are outside the map. The figure of a 4-way crossing has the topology at the far right corner. It has
+the control at the far left corner, farther from the crossing's own corner.
 
 "Traffic lights", Placement: the stand is outside the driving region, on a diagonal of the crossing,
 and the lights are 0.2 m above its middle.
