@@ -51,7 +51,8 @@ from elitelanes_jax.drive import (
     stream_views,
     traffic_rule,
 )
-from elitelanes_jax.drive._batch import DISABLED, Batch
+from elitelanes_jax.drive._batch import Batch
+from elitelanes_jax.drive._batch_programs import DISABLED
 from elitelanes_jax.drive.interop import GymnaxEnv
 from elitelanes_jax.drive.robot import Robot
 from elitelanes_jax.formats import Plan, make_plan

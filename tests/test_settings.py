@@ -12,7 +12,8 @@ from certified import same
 
 from elitelanes_jax import InputError, Optimizer, RoadMap, ea, evolve, fitness, measure, random_grids, repair, rotate
 from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
-from elitelanes_jax.drive._batch import SAME_STEP, Batch
+from elitelanes_jax.drive._batch import Batch
+from elitelanes_jax.drive._batch_programs import SAME_STEP
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import EvolutionConfig, seed_keys
 

@@ -1,5 +1,4 @@
 from . import interop as interop
-from ._batch import flatten as flatten
 from ._camera import Camera as Camera
 from ._camera import Sight as Sight
 from ._camera import look as look
@@ -10,6 +9,7 @@ from ._environment import Environment as Environment
 from ._environment import Transition as Transition
 from ._environment import auto_replay as auto_replay
 from ._environment import auto_reset as auto_reset
+from ._flat import flatten as flatten
 from ._lane_drive import LaneDrive as LaneDrive
 from ._lane_drive import LaneDriveObservation as LaneDriveObservation
 from ._lane_drive import LaneDriveParams as LaneDriveParams

@@ -16,21 +16,18 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
-from elitelanes_jax.drive._batch import (
-    DISABLED,
-    Batch,
+from elitelanes_jax.drive._batch import Batch
+from elitelanes_jax.drive._batch_programs import DISABLED
+from elitelanes_jax.drive._environment import Environment
+from elitelanes_jax.drive._flat import action_space, flattened, observation_space, robots_of
+from elitelanes_jax.drive._library_types import JaxMarlEnv, PettingZooEnv
+from elitelanes_jax.drive._wrapper_base import (
     HasParams,
-    action_space,
     check_module,
     check_render,
-    flattened,
-    observation_space,
     picture_of,
     read_options,
-    robots_of,
 )
-from elitelanes_jax.drive._environment import Environment
-from elitelanes_jax.drive._library_types import JaxMarlEnv, PettingZooEnv
 
 
 @name_wrong_arguments

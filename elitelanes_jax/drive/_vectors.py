@@ -16,23 +16,20 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, items_of, one_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
-from elitelanes_jax.drive._batch import (
-    DISABLED,
-    NEXT_STEP,
-    SAME_STEP,
-    Batch,
-    HasParams,
-    Outcome,
-    check_module,
-    check_render,
-    picture_of,
-    read_options,
-)
+from elitelanes_jax.drive._batch import Batch, Outcome
+from elitelanes_jax.drive._batch_programs import DISABLED, NEXT_STEP, SAME_STEP
 from elitelanes_jax.drive._environment import Environment
 from elitelanes_jax.drive._library_types import (
     GymnasiumVectorEnv,
     PufferLibEnv,
     StableBaselines3VecEnv,
+)
+from elitelanes_jax.drive._wrapper_base import (
+    HasParams,
+    check_module,
+    check_render,
+    picture_of,
+    read_options,
 )
 
 _Render = Callable[[Pytree], NDArray[np.uint8]]

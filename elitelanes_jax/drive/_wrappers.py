@@ -19,20 +19,10 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import OptionValue, Pytree, Untyped, UserValue
-from elitelanes_jax.drive._batch import (
-    DISABLED,
-    Batch,
-    HasParams,
-    action_space,
-    check_module,
-    check_render,
-    flattened,
-    observation_space,
-    picture_of,
-    read_actions,
-    read_options,
-)
+from elitelanes_jax.drive._batch import Batch, read_actions
+from elitelanes_jax.drive._batch_programs import DISABLED
 from elitelanes_jax.drive._environment import Environment, auto_reset
+from elitelanes_jax.drive._flat import action_space, flattened, observation_space
 from elitelanes_jax.drive._lane_drive import LaneDrive
 from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
 from elitelanes_jax.drive._levels import check_maps, draw_levels
@@ -41,6 +31,13 @@ from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.drive._road_traffic import RoadTraffic
 from elitelanes_jax.drive._road_traffic_records import RoadTrafficParams
 from elitelanes_jax.drive._traffic_levels import make_traffic_levels
+from elitelanes_jax.drive._wrapper_base import (
+    HasParams,
+    check_module,
+    check_render,
+    picture_of,
+    read_options,
+)
 from elitelanes_jax.network.bits import seed_key
 
 _ONE_ROBOT: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams]]] = {

@@ -19,7 +19,9 @@ from elitelanes_jax.drive import (
     make_levels,
     make_traffic_levels,
 )
-from elitelanes_jax.drive._batch import DISABLED, NEXT_STEP, SAME_STEP, Batch, flattened
+from elitelanes_jax.drive._batch import Batch
+from elitelanes_jax.drive._batch_programs import DISABLED, NEXT_STEP, SAME_STEP
+from elitelanes_jax.drive._flat import flattened
 from elitelanes_jax.network.bits import seed_key
 
 LEVELS = make_levels(jax.random.key(2), drawn_maps(1, 16, (4, 5), fill=True))

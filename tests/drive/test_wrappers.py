@@ -22,8 +22,8 @@ from elitelanes_jax.drive import (
     make_levels,
     make_sight,
 )
-from elitelanes_jax.drive._batch import flatten
 from elitelanes_jax.drive._camera import pack_sight
+from elitelanes_jax.drive._flat import flatten
 from elitelanes_jax.drive.interop import GymnaxEnv, gymnasium_env
 
 # Other libraries' warnings are theirs.
