@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, instance, is_whole, none_or, whole
+from elitelanes_jax._util.checks import check_named, instance, is_whole, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
@@ -213,9 +213,11 @@ class Batch:
             expected = f"the index of a level, or {self.envs} of them"
             raise InputError("level", expected, shorten(repr(levels)))
         last = len(self.params.levels.grid) - 1
-        check = none_or(whole(0, last))
-        checked = [check_named("level", check, level) for level in levels]
-        indices = [-1 if level is None else level for level in checked[:: self.robots]]
+        for level in levels:
+            if level is not None and not (is_whole(level) and 0 <= level <= last):
+                raise InputError("level", f"a whole number, 0 to {last}", shorten(repr(level), 40))
+        # A level that is no number is None.
+        indices = [level if is_whole(level) else -1 for level in levels[:: self.robots]]
         return np.resize(np.array(indices, np.int32), self._rows)
 
     def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:
