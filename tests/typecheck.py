@@ -14,7 +14,7 @@ from beartype import BeartypeConf, beartype
 __all__ = ["ROOMS", "typecheck"]
 
 ROOMS = ["network", "problem", "optimizers", "search._programs", "search.evolution", "search.running", "search.result"]
-# Not the films of `drive.rides`, which are drawn from scalars of NumPy.
+# Not the films of `drive.films`, which are drawn from scalars of NumPy.
 _DRIVE = Path(__file__).parents[1] / "elitelanes_jax" / "drive"
 ROOMS += [f"drive.{file.stem}" for file in _DRIVE.glob("*.py") if file.stem not in ("__init__", "rides")]
 

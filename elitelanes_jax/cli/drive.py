@@ -76,7 +76,8 @@ def _policy(text: str) -> str | Path:
 
 def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.files import check_new, never_replacing, write_atomic
-    from elitelanes_jax.drive.rides import film, load_policy, make_rides, trails, write_film
+    from elitelanes_jax.drive.films import film, trails, write_film
+    from elitelanes_jax.drive.rides import load_policy, make_rides
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.search.compile_cache import use_compile_cache

@@ -13,7 +13,7 @@ from elitelanes_jax._util.sums import write_sums
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
 from elitelanes_jax.dataset._croissant import describe_croissant
-from elitelanes_jax.dataset._drawing import Drawing, Samples, draw_again
+from elitelanes_jax.dataset._drawing import Drawing, draw_again
 from elitelanes_jax.dataset._fields import Contents, add_metrics
 from elitelanes_jax.dataset._layouts import (
     CROISSANT,
@@ -25,6 +25,7 @@ from elitelanes_jax.dataset._layouts import (
     find_layout,
     write_maps,
 )
+from elitelanes_jax.dataset._records import Samples
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, write_png
 

@@ -16,9 +16,9 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.sums import SUMS, read_checked, read_sums
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._drawing import Samples
 from elitelanes_jax.dataset._finishing import finish
 from elitelanes_jax.dataset._layouts import PART, RECORD, Layout, find_layout, foreign_to_dataset
+from elitelanes_jax.dataset._records import Samples
 from elitelanes_jax.dataset._samples import layer_names
 from elitelanes_jax.maps.parts import order_parts
 from elitelanes_jax.maps.spec import SPLITS, parse_part

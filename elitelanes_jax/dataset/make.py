@@ -15,10 +15,11 @@ from elitelanes_jax._util.folders import Unfinished, compare_settings, output_fo
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.threads import count_cores
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._drawing import Drawing, Samples, delete_pictures, draw_missing
+from elitelanes_jax.dataset._drawing import Drawing, delete_pictures, draw_missing
 from elitelanes_jax.dataset._finishing import finish, write_part
 from elitelanes_jax.dataset._layouts import RECORD, foreign_to_dataset
 from elitelanes_jax.dataset._plan import evolve_maps
+from elitelanes_jax.dataset._records import Samples
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec

@@ -33,12 +33,12 @@ from ._views import Views as Views
 from ._views import stream_views as stream_views
 from ._views import views as views
 from ._wrappers import make as make
+from .films import film as film
+from .films import trails as trails
 from .lanes import Pose as Pose
 from .lanes import lane_pose as lane_pose
 from .lanes import movements as movements
 from .lanes import random_pose as random_pose
-from .rides import film as film
 from .rides import make_rides as make_rides
-from .rides import trails as trails
 from .scene_making import make_scenes as make_scenes
 from .scene_making import make_sight as make_sight

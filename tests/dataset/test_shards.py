@@ -19,7 +19,8 @@ from given_maps import small
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset
 from elitelanes_jax._util.engine import Pool
-from elitelanes_jax.dataset._drawing import Drawing, Samples, _tasks, record_line
+from elitelanes_jax.dataset._drawing import Drawing, _tasks
+from elitelanes_jax.dataset._records import Samples, record_line
 from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.maps.spec import SPLITS
 
@@ -32,7 +33,7 @@ TOWN = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [14, 5, 5, 11], [12, 5, 5, 9]])
 @pytest.fixture(autouse=True)
 def small_shards(monkeypatch):
     """Four samples in a shard, three rows in a row group, and no network."""
-    monkeypatch.setattr("elitelanes_jax.dataset._drawing._BLOCK", 4)
+    monkeypatch.setattr("elitelanes_jax.dataset._records._BLOCK", 4)
     monkeypatch.setattr("elitelanes_jax.dataset._shards._ROWS", 3)
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
 

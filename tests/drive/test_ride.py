@@ -15,8 +15,9 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import Camera, look, make_sight
 from elitelanes_jax.drive import rides as rides_module
+from elitelanes_jax.drive.films import film, trails, write_film
 from elitelanes_jax.drive.lanes import Pose
-from elitelanes_jax.drive.rides import film, load_policy, make_rides, trails, write_film
+from elitelanes_jax.drive.rides import load_policy, make_rides
 from elitelanes_jax.formats import MapObject, RoadMap
 from elitelanes_jax.lanes.curves import on_road
 from elitelanes_jax.tiles.rendering import render
