@@ -1,11 +1,9 @@
 """A road map with its metrics, and its JSON file. Duckietown's map files are read too."""
 
 import json
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +14,6 @@ from elitelanes_jax._util.checks import (
     check_named,
     file_named,
     is_folder,
-    is_real,
     is_whole,
     path,
 )
@@ -25,6 +22,15 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
 from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax._util.types import Plain, Untyped, UserValue
+from elitelanes_jax.formats._map_fields import (
+    FIELDS,
+    Drawn,
+    has_shape,
+    is_number,
+    is_table,
+    plain_value,
+    show_value,
+)
 from elitelanes_jax.formats.dt_layers import is_layers, read_layers
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
@@ -33,28 +39,17 @@ from elitelanes_jax.network.checks import check_sides, known_grid
 from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 
 _FORMAT = "elitelanes map, version 1"
+
 # The most bytes of a map file. A drawn map of 1024 x 1024 tiles has 22 MB.
 _MOST_BYTES = 32 * MIB
+
 # The difference up to which a stored metric is that of the codes. Files have shares with few
 # digits.
 _ROUNDED = 1e-3
+
 # The most bytes of a list of maps. A list of 40,000 maps of 12 x 12 tiles with their metrics has
 # this size.
 _MOST_LISTED = 64 * MIB
-
-
-class Drawn(NamedTuple):
-    """The tile pictures that a map is drawn with.
-
-    Attributes:
-      tile_set: the name of the set.
-      tiles: names ``[H][W]``.
-      quarter_turns: ints ``[H][W]``, counter-clockwise.
-    """
-
-    tile_set: str
-    tiles: list[list[str]]
-    quarter_turns: list[list[int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,16 +89,16 @@ class RoadMap:
         fields: dict[str, Plain] = {"codes": codes}
         # Every field becomes a plain value, so a map made in Python equals the map that its file
         # gives.
-        for name, (fits, expected) in _FIELDS.items():
-            value = _plain(getattr(self, name))
+        for name, (fits, expected) in FIELDS.items():
+            value = plain_value(getattr(self, name))
             if value is not None and not fits(value):
-                raise InputError(name, expected, shorten(_shown(value)))
+                raise InputError(name, expected, shorten(show_value(value)))
             fields[name] = value
         if fields["seed"]:
             fields["seed"] = tuple(fields["seed"])
         if fields["drawn"]:
             drawn = Drawn(**fields["drawn"])
-            if not _has_shape(drawn.tiles, codes.shape) or not _has_shape(
+            if not has_shape(drawn.tiles, codes.shape) or not has_shape(
                 drawn.quarter_turns, codes.shape
             ):
                 raise InputError("drawn", f"tables of {height} x {width}, like the codes", "others")
@@ -181,7 +176,7 @@ def map_to_json(road_map: UserValue) -> str:
         "shape": list(road_map.codes.shape),
         "codes": road_map.codes.tolist(),
     }
-    for name in _FIELDS:
+    for name in FIELDS:
         value = getattr(road_map, name)
         if value is not None:
             values[name] = value
@@ -423,36 +418,8 @@ def _map_of(values: Plain) -> RoadMap:
     if shape != list(codes.shape):
         expected = f"{list(codes.shape)}, like the codes"
         raise InputError("shape", expected, shorten(json.dumps(shape)))
-    fields = {name: value for name, value in values.items() if name in _FIELDS or name == "objects"}
+    fields = {name: value for name, value in values.items() if name in FIELDS or name == "objects"}
     return RoadMap(codes, **fields)
-
-
-def _plain(value: UserValue) -> Plain:
-    """Returns a field's value as JSON has it.
-
-    Python's numbers replace those of NumPy, and lists replace tuples.
-    """
-    if isinstance(value, Drawn):
-        value = value._asdict()
-    if isinstance(value, Mapping):
-        return {name: _plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    # `item` returns NumPy's longest float unchanged, and JSON cannot hold it.
-    if isinstance(value, np.floating):
-        return float(value)
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def _shown(value: Plain) -> str:
-    """Returns a field's value for a message, as JSON has it.
-
-    If a key is no text, returns the value as Python has it.
-    """
-    # JSON cannot have such a key, and would hide it.
-    if isinstance(value, dict) and not all(map(_is_text, value)):
-        return repr(value)
-    return json.dumps(value, default=repr, skipkeys=True)
 
 
 def _grid(rows: Plain) -> NDArray[np.int8]:
@@ -472,83 +439,11 @@ def _grid(rows: Plain) -> NDArray[np.int8]:
     return np.array(known_grid(rows))
 
 
-def _has_shape(table: list[list[Plain]], shape: tuple[int, ...]) -> bool:
-    height, width = shape
-    return len(table) == height and all(len(row) == width for row in table)
-
-
-def _is_list(values: Plain, fits: Callable[[Plain], bool]) -> bool:
-    """Returns whether a value is a list whose items all pass a test."""
-    return isinstance(values, list) and all(map(fits, values))
-
-
-def _is_table(rows: Plain, fits: Callable[[Plain], bool]) -> bool:
-    """Returns whether a value is a list of lists whose items all pass a test."""
-    return _is_list(rows, lambda row: _is_list(row, fits))
-
-
 def _are_rows(values: Plain) -> bool:
     """Returns whether a value is a grid by itself, as files of fixed cells have it."""
     return (
         isinstance(values, list)
         and len(values) > 0
         # None is a free cell.
-        and _is_table(values, lambda cell: cell is None or _is_number(cell))
+        and is_table(values, lambda cell: cell is None or is_number(cell))
     )
-
-
-def _is_drawn(value: Plain) -> bool:
-    if not isinstance(value, dict) or set(value) != set(Drawn._fields):
-        return False
-    if not isinstance(value["tile_set"], str):
-        return False
-    return _is_table(value["tiles"], _is_text) and _is_table(
-        value["quarter_turns"], _is_quarter_turn
-    )
-
-
-def _is_text(value: Plain) -> bool:
-    return isinstance(value, str)
-
-
-def _is_quarter_turn(value: Plain) -> bool:
-    return is_whole(value) and 0 <= value < 4
-
-
-def _are_cells(value: Plain) -> bool:
-    return _is_list(value, _is_cell)
-
-
-def _is_cell(value: Plain) -> bool:
-    return _is_list(value, is_whole) and len(value) == 2 and min(value) >= 0
-
-
-def _is_number(value: Plain) -> bool:
-    # `isfinite` raises an error for whole numbers above the largest float, so the size is compared.
-    return is_real(value) and abs(value) <= sys.float_info.max
-
-
-def _are_numbers_by_name(value: Plain) -> bool:
-    if not isinstance(value, dict):
-        return False
-    return all(map(_is_text, value)) and all(map(_is_number, value.values()))
-
-
-def _are_whole(value: Plain) -> bool:
-    return _is_list(value, is_whole)
-
-
-def _are_two_whole(value: Plain) -> bool:
-    return _are_whole(value) and len(value) == 2
-
-
-# The fields of a map besides its codes: a test of the value, and what is expected, for messages.
-_FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
-    "metrics": (_are_numbers_by_name, "numbers by name"),
-    "fitness": (_is_number, "a number"),
-    "descriptor": (_are_numbers_by_name, "numbers by name"),
-    "niche": (_are_whole, "whole numbers"),
-    "seed": (_are_two_whole, "two whole numbers"),
-    "unsure": (_are_cells, "a list of cells, each a row and a column"),
-    "drawn": (_is_drawn, f"a record of {', '.join(Drawn._fields)}, turns 0 to 3"),
-}
