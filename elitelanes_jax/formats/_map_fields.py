@@ -7,10 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elitelanes_jax._util.checks import (
-    is_real,
-    is_whole,
-)
+from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.types import Plain, UserValue
 
 

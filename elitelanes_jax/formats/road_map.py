@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
-from elitelanes_jax._util.checks import (
-    check_named,
-    file_named,
-    is_folder,
-    is_whole,
-    path,
-)
+from elitelanes_jax._util.checks import check_named, file_named, is_folder, is_whole, path
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic

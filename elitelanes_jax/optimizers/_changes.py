@@ -10,14 +10,7 @@ from jaxtyping import Array, Int8, Int32, UInt32
 
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.bits import randint
-from elitelanes_jax.network.codes import (
-    EAST,
-    NORTH,
-    SOUTH,
-    WEST,
-    exchange_sides,
-    transpose_codes,
-)
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, transpose_codes
 from elitelanes_jax.network.xla import lookup, materialize, take
 from elitelanes_jax.optimizers._mutations import Variation, materialize_variation
 from elitelanes_jax.optimizers._windows import valid_windows

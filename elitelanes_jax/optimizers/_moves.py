@@ -32,9 +32,7 @@ from elitelanes_jax._util.records import Record, number_or_array, one_number, op
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
-from elitelanes_jax.network.codes import (
-    rotate_codes,
-)
+from elitelanes_jax.network.codes import rotate_codes
 from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.repairing import repair

@@ -9,12 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt32
 
 from elitelanes_jax.network.bits import randint
-from elitelanes_jax.network.codes import (
-    EAST,
-    NORTH,
-    SOUTH,
-    WEST,
-)
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.optimizers._changes import (
     COPIED,
     CYCLIC,
