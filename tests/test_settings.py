@@ -67,19 +67,18 @@ def settings(**values):
         yield
 
 
-# "LaneDrive, rough" has other values of all settings, except the camera. Each environment takes seconds to compile.
-SLOW_ENVIRONMENTS = {"LaneDrive", "LaneDrive, camera"}
 # Each problem evaluates grids and draws some. One with ranges has most of what the others have.
 SLOW_KERNELS = {
     f"{action}, {problem}" for action in ("problem", "random") for problem in ("plain", "towns", "own", "float")
 }
-SLOW = {"environments": SLOW_ENVIRONMENTS, "kernels": SLOW_KERNELS}
+# Each of their programs takes seconds to compile.
+SLOW = ("methods", "environments")
 
 
 @pytest.mark.parametrize(
     ("group", "without"),
-    [(name, SLOW.get(name, set())) for name in GROUPS if name != "methods"]
-    + [pytest.param(name, set(), marks=pytest.mark.slow) for name in ("methods", *SLOW)],
+    [(name, SLOW_KERNELS if name == "kernels" else set()) for name in GROUPS if name not in SLOW]
+    + [pytest.param(name, set(), marks=pytest.mark.slow) for name in (*SLOW, "kernels")],
 )
 def test_all_run_under_strict_settings(group, without):
     """Compiled, with arguments that are on the device. The rooms' own tests run with these settings too, but for

@@ -158,7 +158,9 @@ def test_lines_move_outwards():
     assert records(1)[0]["camera"]["lines"] == 0
 
 
-@pytest.mark.parametrize("transforms", [VARIED, VARIED.replace(blur=3, motion=12)])
+@pytest.mark.parametrize(
+    "transforms", [pytest.param(VARIED, marks=pytest.mark.slow), VARIED.replace(blur=3, motion=12)]
+)
 def test_a_view_has_the_same_bits_in_each_batch(transforms, drawn_tiles):
     """Alone, among others, at another place of the batch, and of a map that is filled up to a larger one."""
     objects = furnish(TOWN, "all").objects
