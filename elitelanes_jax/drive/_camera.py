@@ -20,8 +20,10 @@ from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax.drive._billboards import Billboards, make_billboards
 from elitelanes_jax.drive._hashing import fork, hash_normal
-from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, see_objects
+from elitelanes_jax.drive._objects import Objects
+from elitelanes_jax.drive._objects_seen import Rays, see_objects
 from elitelanes_jax.drive.camera_options import Camera, LaneCamera, Variation
 from elitelanes_jax.drive.lanes import Pose, single
 from elitelanes_jax.drive.robot import TILE

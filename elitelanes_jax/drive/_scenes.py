@@ -7,7 +7,8 @@ from typing import NamedTuple
 import jax
 from jaxtyping import Array, Float, Int32, UInt32
 
-from elitelanes_jax.drive._objects import Billboards, Floor, Objects
+from elitelanes_jax.drive._billboards import Billboards, Floor
+from elitelanes_jax.drive._objects import Objects
 
 PAVED = 64
 """The bit of a pyramid's label byte that is set where a tile is not ground.

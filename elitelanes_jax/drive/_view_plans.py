@@ -12,9 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int32, Key, UInt32
 
+from elitelanes_jax.drive._billboards import Floor
 from elitelanes_jax.drive._ground import UNIT, Rows, meet_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
-from elitelanes_jax.drive._objects import Floor, Objects, stands_on
+from elitelanes_jax.drive._objects import Objects, stands_on
 from elitelanes_jax.drive._scenes import Blend, SceneMap, Scenes
 from elitelanes_jax.drive._variation import LOOK_NUMBERS, Look, draw_look
 from elitelanes_jax.drive.camera_options import Camera, Variation

@@ -20,9 +20,10 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax.drive._billboards import make_billboards
 from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
 from elitelanes_jax.drive._levels import Level
-from elitelanes_jax.drive._objects import make_billboards, make_objects
+from elitelanes_jax.drive._objects import make_objects
 from elitelanes_jax.drive.lanes import Pose, lane_point
 from elitelanes_jax.drive.rides import RATE, Rides
 from elitelanes_jax.drive.robot import TILE, Robot

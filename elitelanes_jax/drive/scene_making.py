@@ -18,8 +18,9 @@ from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax.drive._billboards import Billboards, Floor, pack_billboards
 from elitelanes_jax.drive._camera import Sight, pack_sight
-from elitelanes_jax.drive._objects import Billboards, Floor, pack_billboards, stack_objects
+from elitelanes_jax.drive._objects import stack_objects
 from elitelanes_jax.drive._scenes import PAVED, Blend, SceneMap, Scenes, halved_sizes
 from elitelanes_jax.drive.camera_options import Camera
 from elitelanes_jax.formats.objects import MapObject

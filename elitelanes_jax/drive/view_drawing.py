@@ -19,7 +19,7 @@ from elitelanes_jax.drive._ground import (
     look_up,
     take_points,
 )
-from elitelanes_jax.drive._objects import Rays, lie, see_objects
+from elitelanes_jax.drive._objects_seen import Rays, lie, see_objects
 from elitelanes_jax.drive._scenes import PAVED, Scenes
 from elitelanes_jax.drive._variation import lay_background, photograph
 from elitelanes_jax.drive._view_plans import Plan, plan_views

@@ -11,7 +11,9 @@ from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some
 
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.drive import Camera, LaneDrive, Pose, look, make, make_objects, make_sight
-from elitelanes_jax.drive._objects import Floor, lie, make_billboards, pack_billboards, touches
+from elitelanes_jax.drive._billboards import Floor, make_billboards, pack_billboards
+from elitelanes_jax.drive._objects import touches
+from elitelanes_jax.drive._objects_seen import lie
 from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
