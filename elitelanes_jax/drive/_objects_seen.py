@@ -147,6 +147,7 @@ def _lay_groups(
 
     def read(indices: Array, shown: Array) -> SeenObjects:
         layers, on_map = lay(indices, shown), numbers[indices].astype(jnp.int32)
+        # The bits above the index of a pixel hold the number of an object in its group, from 1.
         seen = layers.seen
         # Number 0, no object, has instance 0.
         instances = jnp.concatenate([jnp.zeros(1, jnp.int32), on_map + 1])
