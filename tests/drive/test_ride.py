@@ -13,8 +13,7 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.drive import Camera, look, make_sight
-from elitelanes_jax.drive import rides as rides_module
+from elitelanes_jax.drive import Camera, films, look, make_sight
 from elitelanes_jax.drive.films import film, trails, write_film
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.rides import load_policy, make_rides
@@ -104,7 +103,7 @@ def test_trails_and_films_show_the_ride(rides, drawn_tiles):
 @pytest.mark.parametrize("shape", [(2, 3), (1, 7), (30, 4)])
 def test_the_map_beside_the_camera_fits_a_film_of_any_map(shape):
     picture = np.full((16 * shape[0], 16 * shape[1], 3), 255, np.uint8)
-    plan, side = rides_module._shrink(picture, shape)
+    plan, side = films._shrink(picture, shape)
     assert plan.shape[0] == 480 and plan.shape[1] % 2 == 0 and plan.shape[1] <= 1280
     assert plan.all(axis=-1).sum(axis=(0, 1)) == pytest.approx(side**2 * shape[0] * shape[1], rel=0.05)
     assert plan.shape[1] > 1270 or round(side * shape[0]) == 480
