@@ -265,3 +265,16 @@ def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix
     file = tmp_path / f"coloured{suffix}"
     photographed.write(file, picture)
     np.testing.assert_array_equal(propose_tiles(Photograph.read(file), shape=TOWN.shape).codes, TOWN)
+
+
+def test_tiles_beside_a_bright_gap_look_alike():
+    """A white floor in an empty cell changed the ground of its neighbours, and the photograph was refused."""
+    codes = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 0, 10], [12, 5, 5, 9]], np.int8)
+    corners = photographed.corners_of(4, 4)
+    repeats = []
+    for ground in ((75, 80, 90), (252, 250, 247)):
+        picture = photographed.photograph(codes, corners, ground=ground)
+        proposal = propose_tiles(Photograph("gaps", picture), corners=corners, codes=codes)
+        assert proposal.score > 0.9
+        repeats.append(proposal.evidence["repeats"])
+    assert repeats[1] > repeats[0] - 0.02
