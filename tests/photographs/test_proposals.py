@@ -146,6 +146,9 @@ def test_a_score_of_one_means_a_small_spread():
         ({"spread": 0.012}, "too few lines and too little of the border are seen"),
         ({"spread": 0.006, "border": 0.1}, "the border of the floor is not seen"),
         ({"repeats": 0.8, "border": 0.2}, "the tiles do not repeat in this grid"),
+        # Tiles that differ enlarge the spread, and the advice was to photograph from closer.
+        ({"repeats": 0.83, "spread": 0.003, "border": 0.3}, "the tiles do not repeat in this grid"),
+        ({"repeats": 0.24, "spread": 0.019, "border": 0.0}, "the tiles do not repeat in this grid"),
         ({"edge": 0.2}, "no tiles are seen along one side of the floor"),
         ({"alike": 0.3}, "the outlined area does not look like road tiles"),
         ({"handed": -0.3}, "the photograph is mirrored"),
