@@ -274,6 +274,7 @@ WRONG = {
     "no executor": ({"parts": 3}, "parts: expected an executor to run 3 parts on, got none"),
     "no parts": ({"executor": OneByOne(), "parts": 0}, "parts: expected a whole number, 1 or more, got 0"),
     "devices": ({"executor": OneByOne(), "devices": 2}, "devices: expected none with an executor, got 2"),
+    "every": ({"executor": OneByOne(), "every": 2}, "every: expected none with an executor, got 2"),
     "a checkpoint": ({"executor": OneByOne(), "checkpoint": "x"}, "checkpoint: expected none with an executor, got"),
 }
 
@@ -300,7 +301,7 @@ def test_what_is_no_executor_is_refused(case, tmp_path):
     arguments, message = WRONG[case]
     with pytest.raises(InputError, match=f"^{re.escape(message)}"):
         evolve(0, (4, 4), seeds=2, spec=SEARCH, **arguments)
-    if {"devices", "checkpoint"}.isdisjoint(arguments):
+    if {"devices", "checkpoint", "every"}.isdisjoint(arguments):
         for make, spec in ((generate, SPEC), (make_dataset, small())):
             with pytest.raises(InputError, match=f"^{re.escape(message)}"):
                 make(spec, tmp_path / "out", **arguments)

@@ -477,6 +477,7 @@ WRONG = {
     "feature_weights: expected whole numbers, got float64": lambda: road_problem(
         (4, 4), measured=["signable"], feature_weights=[0.9]
     ),
+    "every: expected a checkpoint, the folder that is written to, got none": lambda: evolve(0, (4, 4), every=2),
     "weights: expected a fitness within int32 for every grid of 4 x 4": lambda: road_problem(
         (4, 4), weights=Weights(edges=np.int32(2**26)), measured=["edges"], feature_weights=np.array([2**31 - 1])
     ),

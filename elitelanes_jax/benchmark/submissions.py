@@ -51,8 +51,8 @@ class Submission(NamedTuple):
         """Writes a raw archive as an ``.npz``. A board takes archives of `LEAST_RUNS` runs or more.
 
         Raises:
-          InputError: if the grids do not fit the task, for another type, or a file with the suffix
-            of another format.
+          InputError: if the grids do not fit the task, for another type or track, or a file with
+            the suffix of another format.
         """
         out = check_named("file", file_named(".npz"), file)
         grids = _checked_grids(self, str(file))
@@ -99,8 +99,8 @@ class Submission(NamedTuple):
           and the scores, each ``[R, T]``.
 
         Raises:
-          InputError: for grids that do not fit the task, or one that is better than its niche's
-            certificate.
+          InputError: for grids that do not fit the task, another track, or a grid that is better
+            than its niche's certificate.
         """
         best = _best_fitness(self.task, _measure(self))
         return best, compute_scores(self.task, best)
@@ -131,8 +131,9 @@ def score_and_grade(submission: Submission) -> dict[str, NDArray[np.float64]]:
 
 
 def _checked_grids(submission: Submission, source: str) -> NDArray[np.integer]:
-    """Returns the grids; raises `InputError` for a task or grids that cannot be measured."""
+    """Returns the grids; raises `InputError` for a task, a track or grids that are not valid."""
     check_named("submission: task", instance(Task), submission.task)
+    check_named("submission: operators", one_of(*TRACKS), submission.operators)
     check_named("submission: grids", unmasked, submission.grids)
     grids = np.asarray(submission.grids)
     _check(source, submission.task, grids)

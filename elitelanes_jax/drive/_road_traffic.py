@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int32, Key
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import clip_to_int32, instance
+from elitelanes_jax._util.checks import clip_to_int32, instance, is_whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, checks_first, draw_level
 from elitelanes_jax.drive._road_traffic_records import (
     WAIT,
@@ -29,9 +30,7 @@ from elitelanes_jax.network.sharding import divide_batches
 
 @name_wrong_arguments
 @runs_jax
-@checks_first(level=clip_to_int32, params=instance(RoadTrafficParams))
-@jax.jit
-@divide_batches
+@checks_first(params=instance(RoadTrafficParams))
 def _reset_to_level(
     key: Key[Array, ""], level: Int[ArrayLike, ""], params: RoadTrafficParams
 ) -> tuple[RoadTrafficObservation, RoadTrafficState]:
@@ -42,9 +41,27 @@ def _reset_to_level(
 
     Args:
       key: consumed.
-      level: the index of the town in ``params.levels``, which is limited to their number.
+      level: the index of the town in ``params.levels``, from 0. An array of JAX is limited to their
+        number.
       params: the options of the environment.
+
+    Raises:
+      InputError: for a number that is not the index of a town.
     """
+    count = len(params.levels.grid)
+    number: UserValue = level
+    # The value of an array of JAX is on the device, or unknown.
+    is_known = is_whole(number) or (isinstance(number, np.ndarray) and number.ndim == 0)
+    if is_known and not 0 <= number < count:
+        raise InputError("level", f"the index of a level, 0 to {count - 1}", number)
+    return _put_on_slots(key, clip_to_int32(number), params)
+
+
+@jax.jit
+@divide_batches
+def _put_on_slots(
+    key: Key[Array, ""], level: Int[ArrayLike, ""], params: RoadTrafficParams
+) -> tuple[RoadTrafficObservation, RoadTrafficState]:
     level = _check_index("level", level, len(params.levels.grid))
     town = Town(params, level)
     placing, aiming = split(key)

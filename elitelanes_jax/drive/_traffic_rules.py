@@ -51,7 +51,8 @@ def traffic_rule(name: str, *, phase_steps: int = 4) -> TrafficRule:
         "right_before_left": a robot gives way to the right, and before a left turn to robots ahead.
         "traffic_light": in addition, a crossing has green for north and south, then for nobody,
         then for east and west, then for nobody.
-      phase_steps: the steps of a phase of the lights, 1 to 1,048,576.
+      phase_steps: the steps of a phase of the lights, 1 to 1,048,576. The other rules have no
+        lights, and phases that are all green.
 
     Raises:
       InputError: for another name, or a number out of its range.

@@ -94,25 +94,30 @@ class _Floor(NamedTuple):
 
     Attributes:
       image: the photograph.
-      shape: the rows and columns of the floor.
+      laid: bool ``[rows, columns]``, the cells that have a tile.
       alike: the cells of each kind.
       sides: the sides of tiles without a neighbour.
       directions: int ``[S]``, the direction of each side: 0 to 3 for north, east, south and west.
     """
 
     image: NDArray[np.uint8]
-    shape: tuple[int, int]
+    laid: NDArray[np.bool_]
     alike: AlikeCells
     sides: Sides
     directions: NDArray[np.int_]
 
     @staticmethod
     def of(image: NDArray[np.uint8], codes: NDArray[np.int8]) -> "_Floor":
-        rows, columns = codes.shape
         sides = outer_sides(codes)
         order = [(side.right, side.down) for side in SIDES]
         directions = np.array([order.index(normal) for _, normal in sides], int)
-        return _Floor(image, (rows, columns), alike_cells(codes), sides, directions)
+        return _Floor(image, codes > 0, alike_cells(codes), sides, directions)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The rows and columns of the floor."""
+        rows, columns = self.laid.shape
+        return rows, columns
 
     def spread(self, fit: Fit) -> float:
         return largest_spread(fit.view, fit.spread, self.shape)
@@ -149,7 +154,7 @@ def _refine(floor: _Floor, fit: Fit, size: _Size, trusted: NDArray[np.bool_]) ->
     """
     for _ in range(size.rounds):
         equations = Equations.before(fit.view, floor.shape)
-        equations, alike = plus_cells(equations, floor.image, floor.alike, size.tile_px)
+        equations, alike = plus_cells(equations, floor.image, floor.alike, floor.laid, size.tile_px)
         border = edge_border(floor.image, fit.view, floor.sides, size.reach)
         near = tukey(np.nan_to_num(border.offsets / size.reach, nan=1.0))
         trust = near * trusted[floor.directions][:, None]
@@ -199,7 +204,9 @@ def _fit_colours(floor: _Floor, fit: Fit) -> Fit:
             return fit_by_edges
         for _ in range(_COLOUR_ROUNDS):
             equations = Equations.before(fit.view, floor.shape)
-            equations, alike = plus_cells(equations, floor.image, floor.alike, _FINEST.tile_px)
+            equations, alike = plus_cells(
+                equations, floor.image, floor.alike, floor.laid, _FINEST.tile_px
+            )
             border = colour_border(floor.image, fit.view, sides, reach)
             border = border._replace(offsets=border.offsets - shadow)
             step = equations.plus_border(border, noise=_COLOUR_NOISE).solve()

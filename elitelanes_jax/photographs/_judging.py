@@ -134,17 +134,26 @@ def judge(evidence: dict[str, float], kind: str, ignored: Collection[str]) -> tu
     as if its tiles were no squares, and exact corners need no contrast.
     """
     limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in ignored}
+    measured = evidence
     if kind == "floor":
         evidence, limits = _weigh_border(evidence, limits)
-    sures = {
-        name: sigmoid((evidence[name] - limit.value) / limit.width)
-        for name, limit in limits.items()
-    }
+    sures = _sures(evidence, limits)
     # In a product, each measurement alone can refuse the proposal.
     # Corners that the user gave may be wrong, and need not be asked for.
     corners = "check the corners" if {*ignored} >= CORNERS_GIVEN else "give the corners"
-    advice = limits[_reason(sures)].advice.format(corners=corners)
+    # The spread of tiles that differ is enlarged. Then the reason is that they differ: more lines, or
+    # more of the border, would not help.
+    reason = _reason(_sures(measured, limits))
+    advice = limits[reason].advice.format(corners=corners)
     return float(np.prod(list(sures.values()))), advice
+
+
+def _sures(evidence: dict[str, float], limits: dict[str, _Limit]) -> dict[str, float]:
+    """Returns how sure each evidence is, 0 to 1."""
+    return {
+        name: sigmoid((evidence[name] - limit.value) / limit.width)
+        for name, limit in limits.items()
+    }
 
 
 def _reason(sures: dict[str, float]) -> str:

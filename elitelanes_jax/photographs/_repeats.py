@@ -55,17 +55,29 @@ def alike_cells(codes: NDArray[np.int8]) -> AlikeCells:
 
 
 def plus_cells(
-    equations: Equations, image: NDArray[np.uint8], groups: AlikeCells, tile_px: int
+    equations: Equations,
+    image: NDArray[np.uint8],
+    groups: AlikeCells,
+    laid: NDArray[np.bool_],
+    tile_px: int,
 ) -> tuple[Equations, float]:
-    """Adds the comparison of cells, from `alike_cells`, to the equations of a view.
+    """Adds the comparison of cells to the equations of a view.
 
     Returns also the correlation of the cells with the mean of their kind. Without groups nothing is
     added, and the correlation is 0.
+
+    Args:
+      equations: of the view.
+      image: the photograph.
+      groups: the cells of each kind, from `alike_cells`.
+      laid: bool ``[rows, columns]``, the cells that have a tile.
+      tile_px: the pixels of a tile.
     """
     if not groups:
         return equations, 0.0
     places = places_of(*equations.shape, tile_px, 0)
-    tape = _tape_of(flatten(image, equations.view, places, tile_px), tile_px)
+    flat = flatten(image, equations.view, places, tile_px)
+    tape = _tape_of(_with_ground_in_gaps(flat, laid, tile_px), tile_px)
     moves = basis(equations.view, places, equations.shape)
     # The first layer is the picture, and nine others are its derivatives by the parameters.
     down, right = np.gradient(tape)
@@ -103,6 +115,27 @@ def _compare(
             away.append((picture - others).reshape(10, -1) / np.sqrt(len(pictures)))
             means.append(others[0].ravel())
     return np.concatenate(away, axis=1), np.concatenate(means)
+
+
+def _with_ground_in_gaps(
+    flat: NDArray[np.uint8], laid: NDArray[np.bool_], tile_px: int
+) -> NDArray[np.uint8]:
+    """Returns a floor whose cells without a tile have the colour of the nearest tiles.
+
+    The ground around a pixel reaches into the neighbouring cell. A gap that shows a bright floor
+    would change it: the correlation of photographed tiles on a white floor was 0.83 with the gaps
+    as they are, and 0.97 with this colour.
+    """
+    if laid.all():
+        return flat
+    cells = flat.reshape(laid.shape[0], tile_px, laid.shape[1], tile_px, 3).swapaxes(1, 2).copy()
+    places = np.argwhere(laid)
+    # Most of a tile is asphalt.
+    colours = np.median(cells[laid], axis=(1, 2))
+    for gap in np.argwhere(~laid):
+        weights = ((places - gap) ** 2).sum(axis=1) ** -2.0
+        cells[tuple(gap)] = weights @ colours / weights.sum()
+    return cells.swapaxes(1, 2).reshape(flat.shape)
 
 
 def _tape_of(flat: NDArray[np.uint8], tile_px: int) -> NDArray[np.float32]:

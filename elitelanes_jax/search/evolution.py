@@ -47,7 +47,7 @@ def evolve(
     optimizer: Callable[[Problem], Optimizer] | None = None,
     state: RunState | None = None,
     checkpoint: str | Path | None = None,
-    every: float = 60.0,
+    every: float | None = None,
     progress: bool | None = None,
     devices: int | Sequence[jax.Device] | None = None,
     features: Mapping[str, Kernel] | None = None,
@@ -76,8 +76,8 @@ def evolve(
         process is killed, the same call resumes and returns the same result, bit for bit except for
         the measured speeds. A larger budget extends the search. Only one process at a time can use
         the folder.
-      every: seconds between two checkpoints; 0 writes one after every compiled call. Writing takes
-        at most a twentieth of the time.
+      every: seconds between two checkpoints, 60 by default; 0 writes one after every compiled
+        call. Writing takes at most a twentieth of the time. It needs `checkpoint`.
       progress: whether to show progress, in a terminal a line that changes, elsewhere a line every
         30 seconds. By default it is shown in a terminal or notebook, if a run takes over a second.
       devices: the devices that share the seeds (processor cores, GPUs or TPU cores; a device may be
@@ -137,7 +137,7 @@ def evolve(
     keys = check_keys(key, seeds)
     pool = check_pool(executor, parts)
     if pool is not None:
-        _check_none_with_executor(state=state, checkpoint=checkpoint, devices=devices)
+        _check_none_with_executor(state=state, checkpoint=checkpoint, every=every, devices=devices)
         return evolve_on_workers(search, keys, pool, extensions, progress=progress)
     return evolve_search(
         search,

@@ -57,6 +57,8 @@ from elitelanes_jax.search.result import Result, SearchInterrupted
 # With less free memory, in bytes, the compiler ends the whole process. At 12 x 12, 0.1 GB are too
 # few, 0.3 GB enough.
 _COMPILER = 200_000_000
+# The seconds between two checkpoints by default.
+_SECONDS_A_CHECKPOINT = 60.0
 
 
 def evolve_search(
@@ -66,13 +68,16 @@ def evolve_search(
     *,
     state: RunState | None = None,
     checkpoint: str | Path | None = None,
-    every: float = 60.0,
+    every: float | None = None,
     progress: bool | None = None,
     devices: int | Sequence[jax.Device] | None = None,
 ) -> Result:
     """Runs a resolved search. The other arguments, and the errors, are those of `evolve`."""
     check_named("progress", none_or(flag), progress)
-    every = check_named("every", real(0), every)
+    if every is not None:
+        every = check_named("every", real(0), every)
+        if checkpoint is None:
+            raise InputError("every", "a checkpoint, the folder that is written to", "none")
     run = prepare_run(search, keys, extensions, choose_devices(devices))
     reached = None
     if state is not None:
@@ -81,6 +86,8 @@ def evolve_search(
     last = run.steps + (0 if reached is None else reached.generation)
     if checkpoint is None:
         return _evolve(run, reached, last, None, progress)
+    if every is None:
+        every = _SECONDS_A_CHECKPOINT
     folder = Path(check_named("checkpoint", path, checkpoint))
     # A state that cannot be saved is refused here. The first checkpoint may be a minute away.
     check_can_save(jax.tree.leaves(run.programs.states))

@@ -39,10 +39,11 @@ from elitelanes_jax._util.checks import (
     path,
     path_exists,
     real,
+    whole,
 )
 from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.files import read_toml
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset, is_lane_offset
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles._lines import misplaced_lines
@@ -126,13 +127,17 @@ class TileSet:
     lane_offset_spread: float | None = None
 
     def __post_init__(self) -> None:
-        """Checks the fields. The tiles are tiles, whose arrays nobody can change."""
+        """Checks the fields, and those of the tiles, whose arrays nobody can change."""
         for name in ("name", "licence"):
             check_named(name, instance(str), getattr(self, name))
         check_named("blend", flag, self.blend)
         check_named("lane_offset", check_lane_offset, self.lane_offset)
         check_named("lane_offset_spread", none_or(real(0)), self.lane_offset_spread)
         tiles = check_named("tiles", listed(Tile), self.tiles)
+        if not tiles:
+            raise InputError("tiles", "one or more", "none")
+        for index, tile in enumerate(tiles):
+            check_named(f"tiles[{index}]", _check_tile, tile)
         object.__setattr__(self, "tiles", tuple(tiles))
 
     @cached_property
@@ -184,6 +189,35 @@ class TileSet:
         These are the codes with two or more connections that the set's tiles draw.
         """
         return tuple(code for code in self.rotations if CONNECTIONS[code] >= 2)
+
+
+def _check_tile(tile: Tile) -> None:
+    """Checks the fields of a tile.
+
+    NumPy and OpenCV also compute with other numbers and shapes, and draw wrong pictures and labels.
+    """
+    check_named("name", instance(str), tile.name)
+    check_named("code", whole(0, 15), tile.code)
+    side = _check_layer("image", tile.image, np.uint8, "uint8 [S, S, 3]", (3,))
+    for name in (*MASKS, "opaque"):
+        mask = getattr(tile, name)
+        if mask is None and name == "opaque":
+            continue
+        expected = f"bool [{side}, {side}], as large as the image"
+        if _check_layer(name, mask, np.bool_, expected) != side:
+            raise InputError(name, expected, list(mask.shape))
+
+
+def _check_layer(
+    name: str, layer: UserValue, kind: type, expected: str, channels: tuple[int, ...] = ()
+) -> int:
+    """Checks the type of a square picture or mask, and returns its side."""
+    if not isinstance(layer, np.ndarray):
+        raise InputError(name, expected, brief(layer))
+    side = len(layer) if layer.ndim else 0
+    if layer.dtype != kind or not side or layer.shape != (side, side, *channels):
+        raise InputError(name, expected, f"{layer.dtype} {list(layer.shape)}")
+    return side
 
 
 @name_wrong_arguments

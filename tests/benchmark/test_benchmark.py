@@ -240,6 +240,17 @@ def test_other_archives_are_refused_in_one_line(changed, words, tmp_path, capsys
     assert line.startswith(f"elitelanes: {file}: ") and words in line
 
 
+@pytest.mark.parametrize("use", [Submission.score, Submission.grade, lambda own: own.save("own.npz")])
+def test_a_track_that_is_none_is_refused_before_it_is_written(use, tmp_path, monkeypatch):
+    """Such an archive was written, and `load` refused it."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        InputError, match="^submission: operators: expected one of open, tiles, links, moves, got 'Moves'"
+    ):
+        use(perfect()._replace(operators="Moves"))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("content", [None, b"", b"no archive", b"PK\x03\x04"])
 def test_other_files_are_refused_in_one_line(content, tmp_path, capsys):
     file = tmp_path / "a.npz"

@@ -333,3 +333,17 @@ def test_actions_beyond_32_bits_are_clipped():
     for actions in (np.full(3, 2**32), [2**40, 2**32, 3]):
         after = RoadTraffic.step(jax.random.key(1), state, actions, params).state
         jax.tree.map(np.testing.assert_array_equal, after, waits)
+
+
+@pytest.mark.parametrize("level", [-1, 2, 2**40])
+def test_a_town_that_is_none_is_refused_unless_jax_has_it(level):
+    """The first or the last town was taken instead."""
+    params = RoadTrafficParams(make_traffic_levels([RING, RING]), robots=3)
+    key = jax.random.key(0)
+    with pytest.raises(InputError, match=f"^level: expected the index of a level, 0 to 1, got {level}$"):
+        RoadTraffic.reset_to_level(key, level, params)
+    with pytest.raises(InputError, match="^level: expected the index of a level, 0 to 1, got "):
+        RoadTraffic.reset_to_level(key, np.array(level), params)
+    assert RoadTraffic.reset_to_level(key, np.int8(1), params)[1].level == 1
+    traced = jnp.int32(np.clip(level, -1, 2))
+    assert RoadTraffic.reset_to_level(key, traced, params)[1].level == (0 if level < 0 else 1)

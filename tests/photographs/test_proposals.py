@@ -146,6 +146,9 @@ def test_a_score_of_one_means_a_small_spread():
         ({"spread": 0.012}, "too few lines and too little of the border are seen"),
         ({"spread": 0.006, "border": 0.1}, "the border of the floor is not seen"),
         ({"repeats": 0.8, "border": 0.2}, "the tiles do not repeat in this grid"),
+        # Tiles that differ enlarge the spread, and the advice was to photograph from closer.
+        ({"repeats": 0.83, "spread": 0.003, "border": 0.3}, "the tiles do not repeat in this grid"),
+        ({"repeats": 0.24, "spread": 0.019, "border": 0.0}, "the tiles do not repeat in this grid"),
         ({"edge": 0.2}, "no tiles are seen along one side of the floor"),
         ({"alike": 0.3}, "the outlined area does not look like road tiles"),
         ({"handed": -0.3}, "the photograph is mirrored"),
@@ -265,3 +268,16 @@ def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix
     file = tmp_path / f"coloured{suffix}"
     photographed.write(file, picture)
     np.testing.assert_array_equal(propose_tiles(Photograph.read(file), shape=TOWN.shape).codes, TOWN)
+
+
+def test_tiles_beside_a_bright_gap_look_alike():
+    """A white floor in an empty cell changed the ground of its neighbours, and the photograph was refused."""
+    codes = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 0, 10], [12, 5, 5, 9]], np.int8)
+    corners = photographed.corners_of(4, 4)
+    repeats = []
+    for ground in ((75, 80, 90), (252, 250, 247)):
+        picture = photographed.photograph(codes, corners, ground=ground)
+        proposal = propose_tiles(Photograph("gaps", picture), corners=corners, codes=codes)
+        assert proposal.score > 0.9
+        repeats.append(proposal.evidence["repeats"])
+    assert repeats[1] > repeats[0] - 0.02

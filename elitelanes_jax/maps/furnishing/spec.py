@@ -4,7 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from elitelanes_jax._util.checks import check_named, flag, one_of, path_exists, real, split_settings
+from elitelanes_jax._util.checks import (
+    check_named,
+    check_unique,
+    flag,
+    one_of,
+    path_exists,
+    real,
+    split_settings,
+)
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.records import Record, check_names, option
@@ -152,7 +160,7 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
     # Words and settings are kept apart until the end, so their order does not matter.
     asked_by_words: dict[str, UserValue] = {}
     asked_by_settings: dict[str, UserValue] = {}
-    objects: tuple[MapObject, ...] = ()
+    files: list[str] = []
     for word in words:
         name, _, value = word.partition("=")
         if value and name not in ("", "all"):
@@ -163,13 +171,16 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
         elif word in _SHORT_WORDS:
             asked_by_words[word] = _SHORT_WORDS[word]
         elif word.endswith(_FILES):
-            objects += _read_objects(word)
+            files.append(word)
         elif word != "all":
             names = ", ".join(f"{name}=..." for name in settings)
             expected = (
                 f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
             )
             raise InputError("", expected, shorten(repr(word), 40))
+    # A file that is named twice would place each of its objects twice, in one place.
+    check_unique("", "file", [str(Path(file).resolve()) for file in files])
+    objects = tuple(thing for file in files for thing in _read_objects(file))
     return spec.replace(**(asked_by_words | asked_by_settings), objects=objects)
 
 
@@ -193,4 +204,5 @@ def _read_objects(file: str) -> tuple[MapObject, ...]:
     values = read_toml(file, file)
     if "objects" not in values:
         raise InputError(file, 'a list of "objects"', "none")
+    check_named(file, check_names, values, ["objects"])
     return check_named(file, _check_users_objects, values["objects"])
