@@ -13,7 +13,6 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import clip_to_int32, instance, is_whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, checks_first, draw_level
 from elitelanes_jax.drive._road_traffic_records import (
     WAIT,
@@ -49,12 +48,11 @@ def _reset_to_level(
       InputError: for a number that is not the index of a town.
     """
     count = len(params.levels.grid)
-    number: UserValue = level
     # The value of an array of JAX is on the device, or unknown.
-    is_known = is_whole(number) or (isinstance(number, np.ndarray) and number.ndim == 0)
-    if is_known and not 0 <= number < count:
+    number = level.item() if isinstance(level, np.ndarray) and level.ndim == 0 else level
+    if is_whole(number) and not 0 <= number < count:
         raise InputError("level", f"the index of a level, 0 to {count - 1}", number)
-    return _put_on_slots(key, clip_to_int32(number), params)
+    return _put_on_slots(key, clip_to_int32(level), params)
 
 
 @jax.jit

@@ -203,7 +203,7 @@ def test_a_ride_that_has_ended_stays_there_and_reaches_no_goal(monkeypatch):
         states = states._replace(pose=states.pose._replace(x=states.pose.x + 1))
         return SimpleNamespace(observation=None, state=states, info=info, terminated=ended[step - 1])
 
-    monkeypatch.setattr(rides_module, "_go", go)
+    monkeypatch.setattr("elitelanes_jax.drive.rides._go", go)
     made = make_rides(GRID, 2, seconds=2 / 30)
     assert made.success.tolist() == [False, False] and made.steps.tolist() == [1, 2]
     np.testing.assert_allclose(np.diff(made.x, axis=1), [[1, 0], [1, 1]], atol=1e-6)
