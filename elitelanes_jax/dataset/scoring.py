@@ -99,9 +99,14 @@ def _numbers(folder: Path, layout: Layout, split: int) -> Iterator[int]:
 
 
 def _read_labels(file: Path) -> NDArray[np.uint8]:
-    labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
+    if not file.is_file():
+        raise InputError(
+            "predictions", f"a label map for each picture, such as {file.name}", "none"
+        )
+    labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.ndim != 2:
-        raise InputError("predictions", "a grey PNG file of labels", f"none, {file.name}")
+        got = "another file" if labels is None else "a picture in colours"
+        raise InputError("predictions", "a grey PNG file of labels", f"{got}, {file.name}")
     return np.asarray(labels, np.uint8)
 
 

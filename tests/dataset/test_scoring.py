@@ -53,7 +53,10 @@ def test_the_overlap_of_each_class_is_that_of_counted_pixels(dataset, tmp_path):
     [
         (lambda labels: labels[1:], r"predictions: expected \[.*\] with labels 0 to 3, got \[.*, 0000..\.png"),
         (lambda labels: labels + 4, "predictions: expected .* with labels 0 to 3, got .* with labels to "),
-        (lambda labels: np.dstack([labels] * 3), "predictions: expected a grey PNG file of labels, got none"),
+        (
+            lambda labels: np.dstack([labels] * 3),
+            "predictions: expected a grey PNG file of labels, got a picture in colours",
+        ),
     ],
 )
 def test_wrong_labels_are_named(change, message, dataset, tmp_path):
@@ -65,7 +68,11 @@ def test_wrong_labels_are_named(change, message, dataset, tmp_path):
 def test_wrong_folders_are_named(dataset, tmp_path):
     with pytest.raises(InputError, match=f"^{tmp_path}: expected a folder of elitelanes dataset, got another one$"):
         score_predictions(tmp_path, tmp_path)
-    with pytest.raises(InputError, match=r"^predictions: expected a grey PNG file of labels, got none, 0000..\.png$"):
+    with pytest.raises(InputError, match=r"^predictions: expected a label map .*, such as 0000..\.png, got none$"):
+        score_predictions(dataset, tmp_path)
+    for file in (dataset / "test" / "labels").glob("*.png"):
+        (tmp_path / file.name).write_text("no picture")
+    with pytest.raises(InputError, match=r"^predictions: expected a grey PNG file .*, got another file, 0000..\.png$"):
         score_predictions(dataset, tmp_path)
     with pytest.raises(InputError, match="^predictions: expected a folder of labels, or a dataset of the layout coco"):
         score_predictions(dataset, dataset / "dataset.json")
