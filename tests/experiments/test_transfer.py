@@ -15,7 +15,7 @@ from elitelanes_jax.tiles import choose_tiles
 nets = pytest.importorskip(
     "experiments.perception.gym_duckietown.nets", reason="flax and optax are not here", exc_type=ImportError
 )
-from experiments.perception.gym_duckietown import rides, stream, train  # noqa: E402
+from experiments.perception.gym_duckietown import rides, score, stream, train  # noqa: E402
 from experiments.perception.gym_duckietown.bridge import receive, send  # noqa: E402
 from experiments.perception.gym_duckietown.classical import find_lane, find_lines  # noqa: E402
 from experiments.perception.gym_duckietown.evaluate import label_table  # noqa: E402
@@ -51,8 +51,12 @@ def test_weights_are_read_as_they_were_written_and_no_others(tmp_path):
     (tmp_path / "text.npz").write_text("nothing")
     with pytest.raises(InputError, match="expected weights of train"):
         nets.read_weights(tmp_path / "text.npz", "pose")
-    with pytest.raises(InputError, match="expected a dataset of dataset --camera"):
+    with pytest.raises(InputError, match="expected a dataset of dataset --camera with a split train, got none"):
         train.read_views(tmp_path)
+    (tmp_path / "test").mkdir()
+    (tmp_path / "test" / "metadata.jsonl").write_text('{"codes": [[6, 3], [12, 9]]}\n')
+    with pytest.raises(InputError, match="expected a dataset of dataset --camera, got another one"):
+        train.read_views(tmp_path, "test")
 
 
 def test_pure_pursuit_holds_the_lane_from_both_sides():
@@ -101,6 +105,26 @@ def test_the_kept_weights_see_our_own_road(look_along):
     assert np.abs(found[:, 0]).max() < 0.06
     agree = nets.find_labels(labels, images) == np.stack([view.labels for view in views])
     assert agree.mean() > 0.85
+
+
+def test_networks_are_scored_on_views_that_they_have_not_seen(look_along, tmp_path, capsys):
+    folder = Path(nets.__file__).parent / "weights"
+    views = [look_along(phi) for phi in (-0.3, 0.0, 0.3)]
+    lanes = np.array([[0, phi, 0] for phi in (-0.3, 0.0, 0.3)], np.float32)
+    shown = {
+        name: np.stack([getattr(view, one) for view in views]) for name, one in (("images", "image"), ("labels",) * 2)
+    }
+    np.savez(tmp_path / "views.npz", lanes=lanes, **shown)
+    assert score.main(["pose", str(folder / "pose.npz"), str(tmp_path / "views.npz")]) == 0
+    head, offset, angle = capsys.readouterr().out.splitlines()
+    assert head.startswith("3 pictures") and offset.startswith("offset, cm") and angle.startswith("angle, rad")
+    assert float(offset.split()[2]) < 0.06 * 58.5 and float(angle.split()[2]) < 0.15
+    assert score.main(["labels", str(folder / "labels.npz"), str(tmp_path / "views.npz")]) == 0
+    names, shares = zip(*(line.rsplit(maxsplit=1) for line in capsys.readouterr().out.splitlines()), strict=True)
+    assert [name.strip() for name in names] == ["background", "road", "stop line", "lane separator"]
+    assert float(shares[1]) > 0.8
+    assert score.main(["pose", str(folder / "pose.npz"), str(tmp_path)]) == 2
+    assert "with a split test, got none" in capsys.readouterr().err
 
 
 def test_classes_are_those_of_the_nearest_colour():

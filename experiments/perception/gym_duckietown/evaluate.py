@@ -21,6 +21,7 @@ from experiments.common import Parser, leave, run, table, write
 from experiments.perception.gym_duckietown.classical import find_lane, find_lines
 from experiments.perception.gym_duckietown.nets import find_labels, find_poses, read_weights
 from experiments.perception.gym_duckietown.pictures import KINDS, TILE, Pictures, read_pictures
+from experiments.perception.gym_duckietown.train import Views
 from experiments.perception.unet import confusion, ious
 
 __all__ = ["Finder", "LabelScores", "errors_of", "label_table", "main", "pose_table", "score_labels"]
@@ -45,7 +46,7 @@ def _classical_labels(images: UInt8[NDArray, "N 120 160 3"]) -> UInt8[NDArray, "
     return found
 
 
-def errors_of(pictures: Pictures, found: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
+def errors_of(pictures: Pictures | Views, found: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
     """Returns the errors in centimetres and radians."""
     d, phi = (found[:, :2] - pictures.lanes[:, :2]).T
     return np.abs(np.column_stack([d * TILE * 100, (phi + np.pi) % (2 * np.pi) - np.pi]))

@@ -80,8 +80,10 @@ def read_views(folder: Path, part: str = "train") -> Views:
         lines = (folder / part / "metadata.jsonl").read_text(encoding="utf-8").splitlines()
         rows = [json.loads(line) for line in lines]
         lanes = [[row["nearest"][name] for name in ("d", "phi", "curvature")] for row in rows]
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(folder, "a dataset of dataset --camera", repr(error)) from None
+    except FileNotFoundError:
+        raise InputError(folder, f"a dataset of dataset --camera with a split {part}", "none") from None
+    except (OSError, ValueError, KeyError):
+        raise InputError(folder, "a dataset of dataset --camera", "another one") from None
     if {tuple(row["pixels"]) for row in rows} != {(ROWS, COLUMNS)}:
         raise InputError(folder, f"pictures of {ROWS} x {COLUMNS} pixels", rows[0]["pixels"])
     images = [np.asarray(cv2.imread(str(folder / part / row["image_file_name"])))[..., ::-1] for row in rows]
