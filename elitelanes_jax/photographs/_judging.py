@@ -21,6 +21,10 @@ _UNLIKE = (
     "the outlined area does not look like road tiles; have the whole floor in the picture, check "
     "the size, and {corners}"
 )
+_UNLIKE_TILE = (
+    "the outlined area does not look like one road tile; a floor of several tiles needs its size, "
+    "rows and columns; for one tile, {corners}"
+)
 _CROPPED = (
     "the outlined tiles are no squares in space; check the size, "
     "take a photograph that is not cropped, or give the corners"
@@ -76,7 +80,7 @@ _LIMITS: dict[str, dict[str, _Limit]] = {
         ),
     },
     "tile": {
-        "alike": _Limit(0.5, 0.03, _UNLIKE),
+        "alike": _Limit(0.5, 0.03, _UNLIKE_TILE),
         "out_of_square": _Limit(0.02, -0.003, _CROPPED),
         "handed": _Limit(0.0, 0.03, _MIRRORED),
         "contrast": _Limit(4.5, 0.1, _HIDDEN),

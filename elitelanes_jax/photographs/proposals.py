@@ -167,7 +167,8 @@ def propose_tiles(
         )
     if not starts:
         floor = f"{shape[0]} x {shape[1]} road tiles"
-        hint = f"check the size, and {'give' if corners is None else 'check'} the corners"
+        size = "check the size" if shape != (1, 1) else "give the size of a floor of several tiles"
+        hint = f"{size}, and {'give' if corners is None else 'check'} the corners"
         raise InputError(photograph.name, floor, "none", hint)
     if codes is None and _is_grey(image):
         _check_grey_tiles(photograph, tiles)

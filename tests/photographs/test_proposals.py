@@ -171,6 +171,13 @@ def test_corners_that_were_given_are_not_asked_for(evidence):
     assert judge(seen, "floor", {"out_of_square", "contrast"})[1].endswith("and check the corners")
 
 
+def test_a_floor_whose_size_was_not_given_is_told_to_give_it():
+    """`tiles cut floor.jpg` said "check the size", where none was given."""
+    tile = {"alike": 0.3, "out_of_square": 0.001, "handed": 0.8, "contrast": 9.0, "spread": 0.001}
+    score, advice = judge(tile, "tile", ())
+    assert score < SURE and "a floor of several tiles needs its size, rows and columns" in advice
+
+
 def test_a_single_tile_may_lie_in_any_direction():
     photo = Photograph("turn", photographed.photograph(np.array([[3]], np.int8)))
     proposal = propose_tiles(photo)
