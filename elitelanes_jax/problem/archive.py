@@ -11,13 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Real
-from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.network.checks import is_traced
 from elitelanes_jax.network.sharding import divide_batches
 
 VACANT = np.iinfo(np.int32).max
@@ -155,18 +155,23 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
 
 
 @name_wrong_arguments
-def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.float64]:
-    """Returns the sum over all elites of worst - fitness, if positive; float ``[...]``.
+def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> AnyArray:
+    """Returns the sum over all elites of worst - fitness, if positive; float64 ``[...]``.
 
     `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool
     ``[..., N]``. The larger `worst` is, the more the score only counts elites: with the default
-    weights take 0, which a map without faults does not exceed. NumPy computes it, therefore call it
-    outside `jax.jit`. Source: Pugh, Soros and Stanley, "Quality diversity", 2016.
+    weights take 0, which a map without faults does not exceed. NumPy computes the score. Under
+    `jax.jit` and `jax.vmap` it is float32, and its values are not checked. Source: Pugh, Soros and
+    Stanley, "Quality diversity", 2016.
 
     Raises `InputError` for `valid` of another dtype, a `worst` that is not finite, and a fitness of
     NaN or minus infinity in a valid niche.
     """
     filled = _check_niches("valid", valid)
+    if any(map(is_traced, (fitness, valid, worst))):
+        losses = jnp.asarray(fitness).astype(jnp.float32)
+        traced_gains = jnp.maximum(jnp.asarray(worst, jnp.float32) - losses, 0)
+        return jnp.where(filled, traced_gains, 0).sum(axis=-1)
     worst = check_named("worst", real(-np.inf), worst)
     # An infinite fitness is worse than `worst`, and adds nothing.
     gains = np.maximum(worst - np.asarray(fitness, np.float64), 0)
@@ -176,26 +181,33 @@ def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.flo
 
 
 @name_wrong_arguments
-def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
-    """Returns the filled share of the feasible niches, float ``[...]``.
+def coverage(valid: AnyArray, feasible: AnyArray = None) -> AnyArray:
+    """Returns the filled share of the feasible niches, float64 ``[...]``.
 
     `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be
-    filled; by default all. NumPy computes it, therefore call it outside `jax.jit`. Raises
-    `InputError` for niches of another dtype, and for feasible niches of another number.
+    filled; by default all. NumPy computes the share. Under `jax.jit` and `jax.vmap` it is float32.
+    Raises `InputError` for niches of another dtype, and for feasible niches of another number.
     """
-    valid = np.atleast_1d(_check_niches("valid", valid))
+    filled = _check_niches("valid", valid)
+    if not filled.ndim:
+        filled = filled.reshape(1)
     if feasible is None:
-        feasible = np.ones(valid.shape[-1], bool)
+        feasible = np.ones(filled.shape[-1], bool)
     else:
         feasible = _check_niches("feasible", feasible)
-    if feasible.shape != valid.shape[-1:]:
-        raise InputError("feasible", f"bool [{valid.shape[-1]}]", f"shape {list(feasible.shape)}")
-    return (valid & feasible).sum(axis=-1) / max(1, int(feasible.sum()))
+    if feasible.shape != filled.shape[-1:]:
+        raise InputError("feasible", f"bool [{filled.shape[-1]}]", f"shape {list(feasible.shape)}")
+    if is_traced(filled) or is_traced(feasible):
+        # JAX may be told to refuse arrays of other ranks, and types that differ.
+        both = jnp.asarray(filled) & jnp.broadcast_to(feasible, filled.shape)
+        count = jnp.maximum(jnp.asarray(feasible).sum(dtype=jnp.int32), 1)
+        return both.sum(axis=-1, dtype=jnp.int32).astype(jnp.float32) / count.astype(jnp.float32)
+    return (filled & feasible).sum(axis=-1) / max(1, int(feasible.sum()))
 
 
-def _check_niches(name: str, niches: AnyArray) -> NDArray[np.bool_]:
+def _check_niches(name: str, niches: AnyArray) -> AnyArray:
     """Checks an array that is True for some of the niches."""
-    array = np.asarray(niches)
+    array = niches if is_traced(niches) else np.asarray(niches)
     # An empty list has the dtype of floats.
     if array.dtype != bool and array.size:
         raise InputError(name, "an array of bool", shorten(repr(niches)))

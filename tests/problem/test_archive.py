@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as hnp
 from elitelanes_jax import Axis, InputError, Problem
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem import Population, coverage, insert, qd_score
+from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import niche_bins, niche_index, paper_axes, resolve_axes
 
 AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2, width=1))
@@ -172,6 +173,28 @@ def test_measures_of_archives_by_hand():
     assert qd_score(fitness, filled, 10).tolist() == [5 + 13 + 0, 9 + 8 + 7]
     assert coverage(filled).tolist() == [0.75, 0.75]
     assert coverage(filled, [True, True, False, False]).tolist() == [1, 0.5]
+
+
+@pytest.mark.parametrize("x64", [False, True])
+def test_measures_of_archives_are_the_same_in_compiled_code(x64):
+    """A scan with `qd_score` raised TracerArrayConversionError."""
+    rng = np.random.default_rng(0)
+    fitness = rng.integers(-2000, 200, (3, 4, 20)).astype(np.int32)
+    filled, feasible = rng.random((3, 4, 20)) < 0.7, rng.random(20) < 0.6
+    fitness[~filled] = vacant_fitness(np.int32)
+    settings = jax.enable_x64(x64), jax.numpy_rank_promotion("raise"), jax.numpy_dtype_promotion("strict")
+    with settings[0], settings[1], settings[2]:
+        scores = jax.jit(qd_score)(fitness, filled, 100.0)
+        batched = jax.vmap(jax.vmap(lambda one, valid: qd_score(one, valid, worst=0)))(fitness, filled)
+        shares = jax.jit(coverage)(filled, feasible), jax.jit(coverage)(filled), jax.vmap(coverage)(filled)
+    assert {part.dtype for part in (scores, batched, *shares)} == {np.dtype(np.float32)}
+    np.testing.assert_array_equal(scores, qd_score(fitness, filled, 100))
+    np.testing.assert_array_equal(batched, qd_score(fitness, filled, 0))
+    expected = coverage(filled, feasible), coverage(filled), coverage(filled)
+    for share, known in zip(shares, expected, strict=True):
+        np.testing.assert_allclose(share, known, rtol=1e-6)
+    with pytest.raises(InputError, match="valid: expected an array of bool"):
+        jax.jit(qd_score)(fitness, fitness, 0)
 
 
 @pytest.mark.parametrize("worse", [np.nan, np.inf, -np.inf])
