@@ -3,6 +3,7 @@
 This module runs all programs, so that those with the same shapes and methods share compiled code.
 """
 
+import dataclasses
 import re
 import shlex
 import shutil
@@ -22,6 +23,7 @@ from elitelanes_jax import DatasetSpec, GenerateSpec, RoadMap, load_tiles, read_
 from elitelanes_jax._util import packages
 from elitelanes_jax.cli.arguments import read_options
 from elitelanes_jax.cli.main import main, make_parser
+from elitelanes_jax.drive import LaneDriveParams, RoadNavParams, RoadTrafficParams
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import map_to_json
 from elitelanes_jax.network.wfc import generate_batch
@@ -80,6 +82,18 @@ def test_the_page_on_driving_leads_from_maps_to_a_film(tmp_path, monkeypatch, ca
     run_program(program, "docs/drive.md", capsys)
     assert main(film) == 0
     assert Path("trained.mp4").stat().st_size > 10_000
+
+
+def test_the_page_on_driving_has_the_rewards_of_each_environment():
+    """Nobody found what a step is worth without the docstrings."""
+    rows = [line.split(" | ") for line in PAGES["docs/drive.md"].splitlines()]
+    columns = [next(row[1:] for row in rows if row[0] == f"| {name}") for name in ("rewards and costs", "truncated")]
+    for number, options in enumerate((RoadNavParams, LaneDriveParams, RoadTrafficParams)):
+        defaults = {field.name: field.default for field in dataclasses.fields(options)}
+        costs = {name: value for name, value in defaults.items() if name.endswith(("_cost", "_reward")) and value}
+        said = dict(re.findall(r"`(\w+)` ([\d.]*\d)", columns[0][number]))
+        assert {name: float(value) for name, value in said.items()} == costs
+        assert columns[1][number].strip(" |") == f"at `limit` {defaults['limit']}"
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(PAGES[page])])
