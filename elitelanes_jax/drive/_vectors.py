@@ -278,12 +278,15 @@ def sb3_vec_env(
             super().__init__(batch.envs, observation_space, action_space)
 
         def reset(self) -> np.ndarray:
-            levels = [read_options(options, "level").get("level") for options in self._options]
-            observation = self._batch.reset(self._seeds, levels=levels)
-            # Stable-Baselines3 uses seeds and options for one reset only.
-            self._reset_seeds()
-            self._reset_options()
-            return observation
+            try:
+                named = [read_options(options, "level") for options in self._options]
+                levels = [options.get("level") for options in named]
+                return self._batch.reset(self._seeds, levels=levels)
+            finally:
+                # Stable-Baselines3 uses seeds and options for one reset only. Refused options would
+                # be refused at each later reset.
+                self._reset_seeds()
+                self._reset_options()
 
         def step_async(self, actions: UserValue) -> None:
             self._batch.send(actions)
