@@ -28,13 +28,13 @@ from .maps.picking import write_result as write_result
 from .maps.spec import GenerateSpec as GenerateSpec
 from .maps.spec import PickSpec as PickSpec
 from .network.bits import random_grids as random_grids
-from .network.fitness import fitness as fitness
 from .network.metrics import measure as measure
 from .network.records import Metrics as Metrics
 from .network.records import Weights as Weights
 from .network.repairing import repair as repair
 from .network.symmetry import mirror as mirror
 from .network.symmetry import rotate as rotate
+from .network.weighted_sum import fitness as fitness
 from .optimizers._annealed import annealed_ea as annealed_ea
 from .optimizers._annealed import annealed_gwo as annealed_gwo
 from .optimizers._annealed import annealed_pso as annealed_pso

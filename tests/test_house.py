@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections import defaultdict
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -43,6 +44,17 @@ def test_a_face_has_what_it_lists(name):
         assert getattr(face, public) is not None
     with pytest.raises(AttributeError, match="nothing"):
         _ = face.nothing
+
+
+def test_a_name_means_the_same_in_every_face():
+    """`network.fitness` was a module, and `elitelanes_jax.fitness` a function."""
+    meanings = defaultdict(list)
+    for face in map(import_module, FACES):
+        for name in face.__all__:
+            meanings[name].append(getattr(face, name))
+    for name, things in meanings.items():
+        if name != "interop":
+            assert all(thing is things[0] for thing in things), name
 
 
 def test_private_modules_are_imported_by_their_own_room_alone():

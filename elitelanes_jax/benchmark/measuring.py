@@ -81,8 +81,8 @@ def _measurer(tiles: str | None) -> Callable[[AnyArray, bool], tuple[AnyArray, .
     import jax
     import jax.numpy as jnp
 
-    from elitelanes_jax.network.fitness import fitness
     from elitelanes_jax.network.metrics import measure
+    from elitelanes_jax.network.weighted_sum import fitness
 
     @jax.jit
     def measure_batch(batch: AnyArray, fill: AnyArray) -> tuple[AnyArray, ...]:

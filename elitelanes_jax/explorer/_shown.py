@@ -15,8 +15,8 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.network.fitness import fitness as weighted_sum
 from elitelanes_jax.network.records import METRIC_NAMES, Weights
+from elitelanes_jax.network.weighted_sum import fitness as weighted_sum
 from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
 

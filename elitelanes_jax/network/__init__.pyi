@@ -1,4 +1,3 @@
-from . import fitness as fitness
 from . import wfc as wfc
 from ._difference import difference as difference
 from .batches import vmap_in_blocks as vmap_in_blocks
@@ -18,3 +17,4 @@ from .symmetry import canonical_form as canonical_form
 from .symmetry import mirror as mirror
 from .symmetry import rotate as rotate
 from .town import measure_town as measure_town
+from .weighted_sum import fitness as fitness

@@ -31,11 +31,11 @@ from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.edges import check_array
-from elitelanes_jax.network.fitness import fitness as weighted_sum
 from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES, Weights, check_weights
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.weighted_sum import fitness as weighted_sum
 from elitelanes_jax.network.xla import align, materialize
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes, tuned_axes
