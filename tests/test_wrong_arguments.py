@@ -529,6 +529,9 @@ WRONG = {
     "config: expected none with an optimizer, got AnnealingConfig": lambda: evolve(
         0, (4, 4), optimizer=annealed_ea, config=AnnealingConfig()
     ),
+    "method: expected none with an optimizer, got 'pso'": lambda: evolve(
+        0, (4, 4), optimizer=annealed_ea, method="pso"
+    ),
     "problem: axes: expected a problem with at least one axis": lambda: qdax_scoring_fn(
         Problem((4, 4), road_problem((4, 4)).evaluate)
     ),

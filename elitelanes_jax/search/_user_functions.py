@@ -67,7 +67,8 @@ def set_method(
 
     Raises:
       InputError: for a configuration or an optimiser of the wrong type, both, the configuration of
-        another method than the one in `options`, or a preset beside it.
+        another method than the one in `options`, a preset beside it, or a method beside an
+        optimiser.
     """
     # A configuration replaces the method of a specification, which may come from an earlier result,
     # but not another method in the same call.
@@ -78,6 +79,9 @@ def set_method(
             raise InputError("optimizer", expected, shorten(repr(optimizer)))
         if config is not None:
             raise InputError("config", "none with an optimizer", shorten(repr(config), 60))
+        # A preset stays: it has the default axes.
+        if "method" in options:
+            raise InputError("method", "none with an optimizer", repr(options["method"]))
         if extensions.moves is not None:
             raise InputError("moves", "a method with moves, such as preset tuned", "an optimizer")
         if spec.options.get("method") == CUSTOM:

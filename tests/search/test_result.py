@@ -107,7 +107,7 @@ CONFIGS = [*PRESETS.values(), MapElitesConfig(EvolutionConfig(tile_rate=0.3)), A
         ({"config": EvolutionConfig(tile_rate=0.3)}, "ea", "custom"),
         ({"optimizer": counting}, "custom", "test_result.counting"),
         ({"optimizer": partial(partial(counting))}, "custom", "test_result.counting"),
-        ({"optimizer": Factory(), "method": "pso"}, "custom", "test_result.Factory"),
+        ({"optimizer": Factory(), "spec": SearchSpec(method="pso")}, "custom", "test_result.Factory"),
         ({"optimizer": lambda problem: counting(problem)}, "custom", "test_result.<lambda>"),
     ],
 )
