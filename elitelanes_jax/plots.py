@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from elitelanes_jax.search.records import History
     from elitelanes_jax.search.result import Result
 
+__all__ = ["archive_map", "history", "road_map", "seed_band"]
+
 _GROUND, _KERB, _ROAD, _LANE, _END, _LOOP, _VACANT = (
     "#eef0ea",
     "#b9bdb4",
