@@ -220,16 +220,20 @@ class DatasetSpec(Record):
 
     def _check_camera(self) -> None:
         """Checks that transforms do not change the camera's geometry."""
-        still = {name: getattr(Transforms(), name) for name in GEOMETRY}
-        for name in GEOMETRY:
-            # The geometry of `STANDARD` is that of the default. It is dropped without an error,
-            # because the user may not have asked for it.
-            if getattr(self.transforms, name) not in (still[name], getattr(STANDARD, name)):
-                raise InputError(
-                    "transforms",
-                    "changes of light and pixels with a camera, which has its own positions",
-                    name.replace("_", "-"),
-                )
+        still, usual, asked = (
+            {name: getattr(transforms, name) for name in GEOMETRY}
+            for transforms in (Transforms(), STANDARD, self.transforms)
+        )
+        # The geometry of `STANDARD` is that of the default and of `varied`. It is dropped without an
+        # error, because the user may not have asked for it.
+        if asked not in (still, usual):
+            changed = [name for name in GEOMETRY if asked[name] != still[name]]
+            others = [name for name in changed if asked[name] != usual[name]]
+            raise InputError(
+                "transforms",
+                "changes of light and pixels with a camera, which has its own positions",
+                (others or changed)[0].replace("_", "-"),
+            )
         # With a camera, the transforms keep only light and pixels.
         object.__setattr__(self, "transforms", self.transforms.replace(**still))
 
