@@ -18,6 +18,7 @@ from elitelanes_jax.benchmark.submissions import TRACKS
 from elitelanes_jax.benchmark.tasks import Task
 from elitelanes_jax.network.bits import fold_in, randint, random_bits, seed_key
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.optimizers.interop import qdax_moves
 from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.road import road_problem
@@ -32,6 +33,8 @@ class OperatorSet(NamedTuple):
     Attributes:
       random: (key, count) -> int8 ``[count, H, W]``, grids to start from.
       mutate: (grids int8 ``[B, H, W]``, key) -> int8 ``[B, H, W]``, each grid with one change.
+
+    Both raise `InputError` for a count below 1, and for grids of another shape or dtype.
     """
 
     random: Callable[[Key[Array, ""], int], Array]
@@ -57,12 +60,23 @@ def find_operators(name: str, shape: tuple[int, int], *, fill: bool) -> Operator
       InputError: for another name or a bad shape.
     """
     check_named("operators", one_of(*OPERATOR_SETS), name)
-    if name == "links":
-        return _links(shape)
     problem = road_problem(shape, fill=fill)
-    if name == "moves":
-        return OperatorSet(problem.random, qdax_moves(problem)[0])
-    return OperatorSet(problem.random, _tile_flip(problem))
+    if name == "links":
+        return _checked(_links(problem.shape), problem.shape)
+    mutate = qdax_moves(problem)[0] if name == "moves" else _tile_flip(problem)
+    return _checked(OperatorSet(problem.random, mutate), problem.shape)
+
+
+def _checked(operators: OperatorSet, shape: tuple[int, int]) -> OperatorSet:
+    """Returns the operators with a check of the count, and of the grids' shape and dtype."""
+
+    def random(key: Key[Array, ""], count: int) -> Array:
+        return operators.random(key, check_named("count", whole(1), count))
+
+    def mutate(grids: Array, key: Key[Array, ""]) -> Array:
+        return operators.mutate(check_array("grids", grids, ("B", *shape), jnp.int8), key)
+
+    return OperatorSet(random, mutate)
 
 
 def _tile_flip(problem: Problem) -> Callable[[Array, Key[Array, ""]], Array]:

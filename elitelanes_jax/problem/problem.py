@@ -20,6 +20,7 @@ from elitelanes_jax._util.checks import (
     function_of,
     listed,
     none_or,
+    whole,
 )
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten, suggest
@@ -169,8 +170,10 @@ class Problem:
         The initial grids come first, then random ones. The key is consumed.
 
         Raises:
-          InputError: for more initial grids than `count`.
+          InputError: for a count that is not a whole number from 0 on, or less than the initial
+            grids.
         """
+        count = check_named("count", whole(0), count)
 
         @runs_jax
         @divide_batches

@@ -430,6 +430,10 @@ def test_runs_on_fixed_operators_repeat_and_change_one_thing(name, tmp_path):
     read = Submission.load(tmp_path / "draft.npz")
     assert read.operators == name and main(["score", str(tmp_path / "draft.npz")]) == 0
     random, mutate = find_operators(name, (5, 5), fill=False)
+    with pytest.raises(InputError, match="^count: expected a whole number, 1 or more, got -1"):
+        random(jax.random.key(0), -1)
+    with pytest.raises(InputError, match=r"^grids: expected int8 \[B, 5, 5\], got int8 \[2, 6, 6\]"):
+        mutate(np.zeros((2, 6, 6), np.int8), jax.random.key(0))
     parents = np.asarray(random(jax.random.key(0), 300))
     children = np.asarray(mutate(parents, jax.random.key(1)))
     changed = (parents != children).sum(axis=(1, 2))
