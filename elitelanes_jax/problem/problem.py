@@ -243,8 +243,8 @@ def _check_axes_are_features(axes: tuple[Axis, ...], names: tuple[str, ...]) -> 
     It is a column of the features, or a share that follows from the columns.
     """
     known = set(names)
-    for share, (part, whole) in SHARES.items():
-        if part in names and set(whole) <= set(names):
+    for share, (part, total) in SHARES.items():
+        if part in names and set(total) <= set(names):
             known.add(share)
     for axis in axes:
         if axis.metric not in known:
