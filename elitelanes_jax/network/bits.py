@@ -268,8 +268,9 @@ def bernoulli(
 ) -> Bool[Array, "..."]:
     """Returns True with a probability, from the upper 24 of 32 random bits.
 
-    The result is never True for probability 0, and always True for probability 1. The probability
-    broadcasts against the bits. Raises `InputError` for bits of another dtype than uint32.
+    The result is never True for probability 0, and always True for probability 1. As in
+    `jax.random.bernoulli`, a probability above 1 counts as 1, and one below 0 or NaN as 0. The
+    probability broadcasts against the bits. Raises `InputError` for bits of another dtype than uint32.
     """
     drawn, limit = align(
         (_check_bits(bits) >> 8).astype(jnp.float32), 2**24 * jnp.asarray(probability, jnp.float32)
