@@ -300,7 +300,7 @@ def _move(
         bits = check_array("bits", bits, (_BITS + most_user_bits,), jnp.uint32)
         # The four lowest bits of a traced code are read.
         grid = grid & 15
-        mate = grid if mate is None else mate & 15
+        mate = grid if mate is None else check_array("mate", mate, grid.shape, jnp.int8) & 15
         number = randint(bits[0], cumulative_weights[-1])
         # The index is the number of cumulative weights that the drawn number reaches.
         drawn_index = (number >= cumulative_weights[:-1]).sum(dtype=jnp.int32)

@@ -45,8 +45,8 @@ class Axis(NamedTuple):
       bins: the number of bins.
       width: the width of a bin, for a share in thousandths; 0 for one by the grid's shape.
       start: the value at which the first bin starts.
-      target: the bin whose niches are sought; niches in other bins are stepping stones. By default
-        all are sought.
+      target: the bin whose niches the tuned MAP-Elites seeks; niches in other bins are stepping
+        stones. By default all are sought. Other methods and presets do not use it.
     """
 
     metric: str

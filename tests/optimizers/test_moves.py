@@ -323,3 +323,9 @@ def test_a_move_takes_its_own_number_of_bits(move):
     for bits in (jnp.zeros(move.bits - 1, jnp.uint32), jnp.zeros(move.bits, jnp.int32)):
         with pytest.raises(InputError, match=rf"^bits: expected uint32 \[{move.bits}\], got {bits.dtype} \["):
             move.apply(bits, grid)
+
+
+def test_a_mate_has_the_shape_of_the_grid():
+    move = make_move("transplant")
+    with pytest.raises(InputError, match=r"^mate: expected int8 \[5, 5\], got int8 \[4, 4\]"):
+        move.apply(jnp.zeros(move.bits, jnp.uint32), network((5, 5)), network((4, 4)))
