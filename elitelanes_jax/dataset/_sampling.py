@@ -7,7 +7,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, none_or, whole
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._samples import Sample, SampleSettings
-from elitelanes_jax.dataset._transforms import Transforms, parse_transforms
+from elitelanes_jax.dataset._transforms import Transforms, for_camera, parse_transforms
 from elitelanes_jax.dataset._views_from_above import draw_from_above
 from elitelanes_jax.drive.camera_options import LaneCamera, parse_camera
 from elitelanes_jax.formats.road_map import RoadMap
@@ -53,6 +53,8 @@ def draw_sample(
     seed = check_named("seed", SEED, seed)
     ranges: Transforms = check_named("transforms", parse_transforms, transforms)
     lane_camera: LaneCamera | None = check_named("camera", none_or(parse_camera), camera)
+    if lane_camera is not None:
+        ranges = for_camera(ranges)
     settings = SampleSettings(
         Pictures(tiles, objects), seed, check_tile_px(tile_px), ranges, lane_camera
     )

@@ -128,6 +128,29 @@ Therefore they change no other value.
 """
 
 
+def for_camera(transforms: Transforms) -> Transforms:
+    """Returns transforms of light and pixels alone, for a camera, which has its own positions.
+
+    Raises:
+      InputError: if other fields of `GEOMETRY` are set than those of `STANDARD` together.
+    """
+    still, usual, asked = (
+        {name: getattr(some, name) for name in GEOMETRY}
+        for some in (Transforms(), STANDARD, transforms)
+    )
+    # The geometry of `STANDARD` is that of the default and of `VARIED`. It is dropped without an
+    # error, because the user may not have asked for it.
+    if asked not in (still, usual):
+        changed = [name for name in GEOMETRY if asked[name] != still[name]]
+        others = [name for name in changed if asked[name] != usual[name]]
+        raise InputError(
+            "transforms",
+            "changes of light and pixels with a camera, which has its own positions",
+            (others or changed)[0].replace("_", "-"),
+        )
+    return transforms.replace(**still)
+
+
 def parse_transforms(texts: UserValue) -> Transforms:
     """Reads transforms from words such as ``["standard", "noise=0"]``.
 

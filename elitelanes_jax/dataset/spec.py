@@ -25,9 +25,9 @@ from elitelanes_jax._util.errors import InputError, shorten, show_words
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._transforms import (
-    GEOMETRY,
     STANDARD,
     Transforms,
+    for_camera,
     parse_transforms,
     range_ends,
 )
@@ -157,7 +157,8 @@ class DatasetSpec(Record):
                 expected = f"enough for one in the split {name}, {share:g} of them"
                 raise InputError(few, expected, got, "a split of 1 0 0 trains on all")
         if self.camera is not None:
-            self._check_camera()
+            # The record is frozen, also for its own checks.
+            object.__setattr__(self, "transforms", for_camera(self.transforms))
         if self.part is not None and self.part[1] > self.maps:
             raise InputError("part", f"at most {self.maps} parts, one for each map", self.part[1])
         if self.part is not None and self.format in _SHARDS:
@@ -217,25 +218,6 @@ class DatasetSpec(Record):
             raise InputError(name, f"that of the given maps, {tell(value)}", tell(asked))
         # The record is frozen, also for its own checks.
         object.__setattr__(self, name, value)
-
-    def _check_camera(self) -> None:
-        """Checks that transforms do not change the camera's geometry."""
-        still, usual, asked = (
-            {name: getattr(transforms, name) for name in GEOMETRY}
-            for transforms in (Transforms(), STANDARD, self.transforms)
-        )
-        # The geometry of `STANDARD` is that of the default and of `varied`. It is dropped without an
-        # error, because the user may not have asked for it.
-        if asked not in (still, usual):
-            changed = [name for name in GEOMETRY if asked[name] != still[name]]
-            others = [name for name in changed if asked[name] != usual[name]]
-            raise InputError(
-                "transforms",
-                "changes of light and pixels with a camera, which has its own positions",
-                (others or changed)[0].replace("_", "-"),
-            )
-        # With a camera, the transforms keep only light and pixels.
-        object.__setattr__(self, "transforms", self.transforms.replace(**still))
 
     def _check_pixels(self) -> None:
         """Checks that the pictures can be made and read again."""

@@ -15,8 +15,8 @@ from elitelanes_jax.drive._camera import Sight
 from elitelanes_jax.drive._levels import Level, check_batch
 from elitelanes_jax.drive._objects import Objects
 from elitelanes_jax.drive.lanes import Pose
-from elitelanes_jax.drive.robot import Robot, Wheels
-from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset
+from elitelanes_jax.drive.robot import TILE, Robot, Wheels
+from elitelanes_jax.lanes.curves import HALF_ROAD, LANE_OFFSET, check_lane_offset
 from elitelanes_jax.lanes.movements import LaneNode, Movement
 from elitelanes_jax.network.pytrees import pytree
 
@@ -26,6 +26,14 @@ def _check_sight(value: UserValue) -> Sight | None:
         copy: Sight | None = jax.tree.map(frozen_copy, value)
         return copy
     raise InputError("", "a result of make_sight, or None", type(value).__name__)
+
+
+def most_lane_offset(robot: Robot) -> float:
+    """Returns the largest `lane_offset` at which a robot in the middle of its lane is on the road.
+
+    It is in tiles. The width of the robot must be a number.
+    """
+    return HALF_ROAD - float(robot.width) / 2 / TILE
 
 
 @pytree
@@ -38,7 +46,7 @@ class LaneDriveParams(Record):
       robot: its measures.
       limit: steps after which an episode is truncated.
       start_d: the largest distance of the start from the lane's centre, in tiles, to either side,
-        at most `lane_offset`.
+        at most `lane_offset`. A start on the grass ends the episode at the first step.
       start_phi: the largest angle between the start and the lane, in radians, to either side.
       progress_reward: the reward for each tile that a robot drives along its own lane and faces
         along it. A tile driven against the lane counts as -1.
@@ -56,8 +64,9 @@ class LaneDriveParams(Record):
         shares of the robot's top speed and top turn; static.
       observe: "lane": offset, heading, speed and curvature ahead; "camera": the picture of `sight`;
         static.
-      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5;
-        static. A tile set may have its own, `TileSet.lane_offset`.
+      lane_offset: tiles from the road's middle to the centre of a lane, over 0, and small enough
+        for the robot to be on the road, whose edge is 0.379 tiles from its middle; static. A tile
+        set may have its own, `TileSet.lane_offset`.
       sight: the camera and its tiles, from `make_sight`; None for none.
     """
 
@@ -83,8 +92,17 @@ class LaneDriveParams(Record):
     def check_together(self) -> None:
         """Checks the options that depend on each other.
 
-        There must be a camera if one is observed, and robots must start in their own lane.
+        There must be a camera if one is observed, and robots must start in their own lane. The
+        lane's centre must leave room for the robot on the road.
         """
+        if is_real(self.robot.width):
+            most = most_lane_offset(self.robot)
+            if self.lane_offset > most:
+                raise InputError(
+                    "lane_offset",
+                    f"at most {most:.3g}, so that the robot is on the road",
+                    f"{self.lane_offset:g}",
+                )
         if is_real(self.start_d) and self.start_d > self.lane_offset:
             raise InputError(
                 "start_d", f"at most lane_offset, {self.lane_offset:g}", f"{self.start_d:g}"

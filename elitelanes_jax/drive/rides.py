@@ -22,9 +22,14 @@ from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera
 from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import LaneDrive, pure_pursuit
-from elitelanes_jax.drive._lane_drive_records import LaneDriveObservation, LaneDriveParams
+from elitelanes_jax.drive._lane_drive_records import (
+    LaneDriveObservation,
+    LaneDriveParams,
+    most_lane_offset,
+)
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive.lanes import check_lane
+from elitelanes_jax.drive.robot import Robot
 from elitelanes_jax.drive.scene_making import make_sight
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
@@ -53,6 +58,10 @@ _PACE = 0.46
 
 # The fewest tiles from a start to its goal. A short ride may have fewer.
 _NEAREST_GOAL = 4
+
+# The least room in tiles between a robot in its lane and the edge of the road. With 0.006 a ride of
+# 12 left the road, with 0.011 none.
+_LEAST_ROOM = 0.01
 
 # A day, whose poses take 31 MB a ride.
 _LONGEST = 86_400
@@ -107,8 +116,8 @@ def make_rides(
         package's own.
 
     Raises:
-      InputError: for a bad map, one without a lane, another policy, or one that fails or does
-        not return two numbers.
+      InputError: for a bad map, one without a lane, tiles whose lanes are too near the edge of the
+        road, another policy, or one that fails or does not return two numbers.
     """
     check_seconds = real(0, _LONGEST, unit="seconds, a number", exclusive=True)
     seconds = check_named("seconds", check_seconds, seconds)
@@ -123,8 +132,14 @@ def make_rides(
     count = check_named("count", whole(1), count)
     levels = make_levels(level_key, codes[None], count, least=nearest, most=furthest)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
+    # The room between the robot in its lane and the edge of the road.
+    room = most_lane_offset(Robot()) - lane_offset
+    if room < _LEAST_ROOM:
+        most = f"a lane_offset of at most {lane_offset + room - _LEAST_ROOM:.3g}"
+        expected = f"{most}, so that the robot stays on the road"
+        raise InputError("tiles", expected, f"{lane_offset:g}")
     # In a narrow lane the usual distance of the start from its centre would leave the lane.
-    start_d = min(LaneDriveParams.start_d, lane_offset)
+    start_d = min(LaneDriveParams.start_d, lane_offset, room)
     params = LaneDriveParams(levels, action=action, lane_offset=lane_offset, start_d=start_d)
     # Without a camera the driver observes its lane, and no picture is rendered.
     camera = getattr(policy, "camera", None)

@@ -14,12 +14,14 @@ import numpy as np
 from jaxtyping import UInt8
 
 from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
-from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax.formats.road_map import Drawn, RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
+from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, pin_signs
@@ -78,6 +80,8 @@ def write_maps(
         for index, plain in enumerate(maps):
             furnished.append(check_named(f"furnish: map {index}", place, plain))
         maps = furnished
+        if drawing.furnish.signs == "possible" or drawing.furnish.lights:
+            _announce_without_room(maps)
     # Objects are placed first, because maps with objects need a larger sheet.
     sheet_px = _choose_sheet_px(maps)
     draw = partial(_draw_map, folder / "maps", drawing, sheet_px)
@@ -90,6 +94,22 @@ def write_maps(
     sheet = contact_sheet(title, [picture for _, picture in drawn], captions)
     write_png(folder / "contact-sheet.png", sheet)
     return road_maps
+
+
+def _announce_without_room(maps: Sequence[RoadMap]) -> None:
+    """Announces how many crossings have no signs or lights because of a road at a corner."""
+    has_room = [
+        has_free_corners(road_map.codes, tile)
+        for road_map in maps
+        for tile in crossings(road_map.codes)
+    ]
+    missing = has_room.count(False)
+    if missing:
+        verb = "has" if missing == 1 else "have"
+        announce(
+            f"{missing} of {pluralize(len(has_room), 'crossing')} {verb} no room for signs and "
+            "lights, because a road is at a corner"
+        )
 
 
 class _SheetSize(NamedTuple):

@@ -158,6 +158,12 @@ def test_lines_move_outwards():
     assert records(1)[0]["camera"]["lines"] == 0
 
 
+def test_a_camera_has_its_own_positions(drawn_tiles):
+    for transforms, name in (({"rotation": 20}, "rotation"), ({"quarter_turns": True}, "quarter-turns")):
+        with pytest.raises(InputError, match=f"^transforms: expected changes of light and pixels .* got {name}$"):
+            draw_sample(RoadMap(TOWN), drawn_tiles, 0, camera=SMALL, transforms=transforms)
+
+
 @pytest.mark.parametrize(
     "transforms", [pytest.param(VARIED, marks=pytest.mark.slow), VARIED.replace(blur=3, motion=12)]
 )

@@ -195,6 +195,8 @@ def test_lanes_are_where_the_tile_set_has_them():
         LaneDriveParams(levels, start_d=0.15, lane_offset=0.1)
     with pytest.raises(InputError, match=r"lane_offset: expected tiles, a number over 0 and under 0\.5, got 0\.5"):
         LaneDriveParams(levels, lane_offset=0.5)
+    with pytest.raises(InputError, match=r"lane_offset: expected at most 0\.251, so that the robot is on the road"):
+        LaneDriveParams(levels, lane_offset=0.26)
 
 
 @pytest.mark.parametrize(

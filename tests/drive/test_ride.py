@@ -61,6 +61,14 @@ def test_a_ride_alone_has_the_bits_of_a_ride_among_others(policy):
         jax.tree.map(np.testing.assert_array_equal, alone, first)
 
 
+def test_a_lane_leaves_room_for_the_robot_on_the_road(drawn_tiles):
+    """Rides in lanes nearer to the edge ended at their first step."""
+    rides = make_rides(GRID, 4, seconds=20, tiles=replace(drawn_tiles, lane_offset=0.24), seed=1)
+    assert rides.success.all()
+    with pytest.raises(InputError, match="^tiles: expected a lane_offset of at most 0.241, .* got 0.25$"):
+        make_rides(GRID, 1, tiles=replace(drawn_tiles, lane_offset=0.25))
+
+
 def test_a_film_is_checked_at_the_call(drawn_tiles):
     """A generator would find faults with its first frame. A start fits any lane."""
     rides = make_rides(GRID, 1, seconds=2 / 30, tiles=replace(drawn_tiles, lane_offset=0.02))

@@ -19,7 +19,7 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import Camera
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.tags import STREET_NAMES
-from elitelanes_jax.maps import furnish
+from elitelanes_jax.maps import folder, furnish
 from elitelanes_jax.maps.furnishing.placing import placed_kinds
 from elitelanes_jax.maps.furnishing.space import Space, make_object
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
@@ -337,3 +337,14 @@ def test_settings_override_words_in_any_order(words):
     assert furnish(full, words).objects == ()
     with pytest.raises(InputError, match="expected each setting once, got signs twice"):
         furnish(full, "signs=all signs=possible")
+
+
+def test_crossings_without_room_for_signs_are_counted(monkeypatch):
+    lines = []
+    monkeypatch.setattr(folder, "announce", lines.append)
+    full = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
+    alone = np.array([[0, 2, 0], [4, 15, 1], [0, 8, 0]], np.int8)
+    folder._announce_without_room([RoadMap(alone)])
+    assert not lines
+    folder._announce_without_room([RoadMap(full), RoadMap(alone)])
+    assert lines == ["5 of 6 crossings have no room for signs and lights, because a road is at a corner"]
