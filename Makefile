@@ -37,8 +37,10 @@ test-types: $(READY)
 	$(BIN)/python -m pytest -p typecheck -n auto --dist loadfile tests/network tests/problem tests/optimizers tests/drive
 
 # All notebooks with few steps, side by side. Other than -m slow, this expression compiles quickly, as make test does.
+# NOTEBOOKS selects some, such as NOTEBOOKS='quickstart or drive'.
+NOTEBOOKS ?= test_runs
 notebooks: $(READY)
-	$(BIN)/python -m pytest -n auto -m 'slow or not slow' -k test_runs tests/docs/test_notebooks.py
+	$(BIN)/python -m pytest -n auto -m 'slow or not slow' -k 'test_runs and ($(NOTEBOOKS))' tests/docs/test_notebooks.py
 
 # The explorer's module is built anew; it differs from the one in the package only where a change was not built.
 # Then the page and the widget are clicked through, in Chromium and JupyterLab.
