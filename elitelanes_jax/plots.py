@@ -216,7 +216,7 @@ def archive_map(
       fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of
         `Problem.niche`: the fitness of a `Population`, or of a QDax repertoire with its sign
         changed and one axis. The largest int32 and numbers that are not finite mean vacant.
-      axes: the axes of the descriptor space; by default those of the result.
+      axes: the axes of the descriptor space, for anything but a `Result`, which has its own.
       across: the metric of an axis; by default the one with most bins among those that `down` does
         not name, the first of several.
       down: the metrics of one axis or of several, of which the last changes fastest from row to
@@ -236,7 +236,10 @@ def archive_map(
     if hasattr(source, "elites"):
         # The source is a result.
         fitness = source.elites.fitness
-        axes = source.search.axes if axes is None else axes
+        own = source.search.axes
+        if axes is not None and parse_axes(axes, features=None) != own:
+            raise InputError("axes", "none with a Result, which has its own", shorten(repr(axes)))
+        axes = own
     elif hasattr(source, "fitness"):
         # The source is a result's elites.
         fitness = source.fitness

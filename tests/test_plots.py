@@ -223,6 +223,15 @@ def test_a_heat_map_of_something_else_is_refused(fitness, axes, names, message):
         archive_map(fitness, axes, **names)
 
 
+def test_a_result_has_its_own_axes():
+    elites = SimpleNamespace(fitness=np.zeros(24))
+    result = SimpleNamespace(elites=elites, search=SimpleNamespace(axes=AXES))
+    table = archive_map(result).images[0].get_array()
+    np.testing.assert_array_equal(archive_map(result, AXES).images[0].get_array(), table)
+    with pytest.raises(InputError, match="^axes: expected none with a Result, which has its own, got "):
+        archive_map(result, (Axis("turns", 24, 1),))
+
+
 def test_the_widest_axis_that_is_not_down_is_across():
     bins = {axis.metric: axis.bins for axis in AXES}
     widest = max(bins, key=bins.get)
