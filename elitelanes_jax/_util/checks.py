@@ -7,7 +7,7 @@ import os
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from inspect import signature
 from pathlib import Path
@@ -293,11 +293,14 @@ def paths(value: UserValue) -> list[Path]:
     return checked
 
 
-def items_of(value: UserValue) -> list[UserValue]:
-    """Returns the items of a list or another iterable; raises `TypeError` for what has none."""
+def items_of(value: UserValue) -> Iterator[UserValue]:
+    """Returns an iterator of a list or another iterable; raises `TypeError` for anything else.
+
+    Unpacking it into two names ends after three items, however many there are.
+    """
     if not isinstance(value, Iterable):
         raise TypeError(f"{type(value).__name__} has no items")
-    return list(value)
+    return iter(value)
 
 
 def instance(kind: type[T]) -> Check[T]:
@@ -323,7 +326,7 @@ def listed(kind: type[T]) -> Check[Sequence[T]]:
     return check
 
 
-def function(value: UserValue) -> Callable[..., UserValue]:
+def function(value: UserValue) -> Callable[..., Untyped]:
     """Checks for a function."""
     if not callable(value):
         raise InputError("", "a function", shorten(repr(value)))

@@ -17,6 +17,7 @@ from elitelanes_jax.benchmark.checks import SpentError, check_batch
 from elitelanes_jax.benchmark.submissions import TRACKS
 from elitelanes_jax.benchmark.tasks import Task
 from elitelanes_jax.network.bits import fold_in, randint, random_bits, seed_key
+from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.optimizers.interop import qdax_moves
@@ -34,7 +35,8 @@ class OperatorSet(NamedTuple):
       random: (key, count) -> int8 ``[count, H, W]``, grids to start from.
       mutate: (grids int8 ``[B, H, W]``, key) -> int8 ``[B, H, W]``, each grid with one change.
 
-    Both raise `InputError` for a count below 1, and for grids of another shape or dtype.
+    `random` raises `InputError` for a count below 1, and `mutate` for grids of another shape or
+    dtype.
     """
 
     random: Callable[[Key[Array, ""], int], Array]
@@ -60,11 +62,12 @@ def find_operators(name: str, shape: tuple[int, int], *, fill: bool) -> Operator
       InputError: for another name or a bad shape.
     """
     check_named("operators", one_of(*OPERATOR_SETS), name)
-    problem = road_problem(shape, fill=fill)
+    shape = check_shape(shape, new=True)
     if name == "links":
-        return _checked(_links(problem.shape), problem.shape)
+        return _checked(_links(shape), shape)
+    problem = road_problem(shape, fill=fill)
     mutate = qdax_moves(problem)[0] if name == "moves" else _tile_flip(problem)
-    return _checked(OperatorSet(problem.random, mutate), problem.shape)
+    return _checked(OperatorSet(problem.random, mutate), shape)
 
 
 def _checked(operators: OperatorSet, shape: tuple[int, int]) -> OperatorSet:

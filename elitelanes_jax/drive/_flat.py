@@ -82,7 +82,7 @@ def _flattened(environment: Environment, *, channels_first: bool) -> Environment
 
     def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         transition = environment.step(key, state, action, params)
-        # Metrics that the environment does not have are None. No array stands for them.
+        # An environment may lack some metrics. These are None, and are left out.
         info = transition.info._asdict()
         metrics = {name: metric for name, metric in info.items() if metric is not None}
         return transition._replace(

@@ -168,7 +168,7 @@ def _list_seeds(first: UserValue, envs: int) -> range:
 def _list_levels(level: UserValue, envs: int) -> Sequence[UserValue]:
     """Returns the level of each environment: a list of them, or one for all."""
     if isinstance(level, list | tuple) or getattr(level, "ndim", 0) == 1:
-        return items_of(level)
+        return list(items_of(level))
     return [level] * envs
 
 

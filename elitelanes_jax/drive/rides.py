@@ -132,13 +132,12 @@ def make_rides(
     count = check_named("count", whole(1), count)
     levels = make_levels(level_key, codes[None], count, least=nearest, most=furthest)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
-    # The room between the robot in its lane and the edge of the road.
     room = most_lane_offset(Robot()) - lane_offset
     if room < _LEAST_ROOM:
-        most = f"a lane_offset of at most {lane_offset + room - _LEAST_ROOM:.3g}"
-        expected = f"{most}, so that the robot stays on the road"
+        most = lane_offset + room - _LEAST_ROOM
+        expected = f"a lane_offset of at most {most:.3g}, so that the robot stays on the road"
         raise InputError("tiles", expected, f"{lane_offset:g}")
-    # In a narrow lane the usual distance of the start from its centre would leave the lane.
+    # The usual distance of the start from the lane's centre may leave a narrow lane or the road.
     start_d = min(LaneDriveParams.start_d, lane_offset, room)
     params = LaneDriveParams(levels, action=action, lane_offset=lane_offset, start_d=start_d)
     # Without a camera the driver observes its lane, and no picture is rendered.

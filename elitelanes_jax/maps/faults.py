@@ -121,12 +121,17 @@ def _wrong_signs(road_map: RoadMap) -> list[str]:
     if parts:
         texts.append(f"{' and '.join(parts)}, furnish places signs again")
     if faults.without_room:
-        verb = "has" if faults.without_room == 1 else "have"
-        texts.append(
-            f"{faults.without_room} of {pluralize(faults.crossings, 'crossing')} {verb} "
-            "no room for signs, because a road is at a corner"
-        )
+        texts.append(describe_without_room(faults.without_room, faults.crossings, "signs"))
     return texts
+
+
+def describe_without_room(missing: int, count: int, things: str) -> str:
+    """Returns a text: how many of a number of crossings have no room for signs or lights."""
+    verb = "has" if missing == 1 else "have"
+    crossing_words = pluralize(count, "crossing")
+    return (
+        f"{missing} of {crossing_words} {verb} no room for {things}, because a road is at a corner"
+    )
 
 
 def _class_of(item: MapObject) -> str:

@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import UInt8
 
 from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax.formats.road_map import Drawn, RoadMap
+from elitelanes_jax.maps.faults import describe_without_room
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
@@ -105,11 +105,7 @@ def _announce_without_room(maps: Sequence[RoadMap]) -> None:
     ]
     missing = has_room.count(False)
     if missing:
-        verb = "has" if missing == 1 else "have"
-        announce(
-            f"{missing} of {pluralize(len(has_room), 'crossing')} {verb} no room for signs and "
-            "lights, because a road is at a corner"
-        )
+        announce(describe_without_room(missing, len(has_room), "signs and lights"))
 
 
 class _SheetSize(NamedTuple):

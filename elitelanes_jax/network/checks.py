@@ -9,7 +9,6 @@ from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
-from elitelanes_jax._util.checks import items_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 
@@ -36,14 +35,15 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
       InputError: unless it is two whole numbers from 1, or from 2 for new maps, to `LONGEST_SIDE`.
     """
     try:
-        sides: Untyped = items_of(shape)
-        height, width = map(int, sides)
-        are_whole = [height, width] == sides
+        sides: Untyped = shape
+        height, width = sides
+        are_whole = int(height) == height and int(width) == width
     except (TypeError, ValueError, OverflowError, np.ma.MaskError):
         are_whole = False
     if not are_whole or isinstance(shape, NO_SHAPES):
         got = shorten(repr(shape))
         raise InputError("shape", "(height, width), two whole numbers", got)
+    height, width = int(height), int(width)
     least, purpose = (2, " for new maps") if new else (1, "")
     if min(height, width) < least or max(height, width) > LONGEST_SIDE:
         raise InputError(

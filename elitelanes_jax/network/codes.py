@@ -116,7 +116,9 @@ def check_alphabet(codes: UserValue) -> tuple[int, ...]:
     """
     expected = "tile codes, whole numbers 0 to 15"
     try:
-        listed = np.asarray(codes if hasattr(codes, "shape") else items_of(codes)).ravel().tolist()
+        listed = (
+            np.asarray(codes if hasattr(codes, "shape") else list(items_of(codes))).ravel().tolist()
+        )
     except (TypeError, ValueError):
         # The value cannot be iterated over, or its rows have several lengths.
         raise InputError("alphabet", expected, repr(codes)) from None

@@ -52,7 +52,7 @@ class Move(Record):
     """
 
     bits: int = option(REQUIRED, whole(0))
-    apply: Callable[..., Variation] = option(REQUIRED, function)  # type: ignore[assignment]
+    apply: Callable[..., Variation] = option(REQUIRED, function)
 
     def __repr__(self) -> str:
         """Returns a text without the function's address, which differs in every process."""

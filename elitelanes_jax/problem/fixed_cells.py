@@ -69,7 +69,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     elif hasattr(cells, "shape"):
         cells = np.asarray(cells).tolist()
     try:
-        rows = [items_of(row) for row in items_of(cells)]
+        rows = [list(items_of(row)) for row in items_of(cells)]
     except TypeError:
         got = shorten(reprlib.repr(cells))
         raise InputError(name, "rows of tile codes, or null for free cells", got) from None

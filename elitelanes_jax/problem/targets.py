@@ -98,7 +98,7 @@ def _spread(values: Float[np.ndarray, "N D"]) -> Float[np.ndarray, " D"]:
 def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues:
     try:
         first, second = items_of(pair)
-        values = items_of(second)
+        values = list(items_of(second))
     except (TypeError, ValueError):
         raise InputError("targets", "a feature with its values", shorten(repr(pair))) from None
     name = check_feature("targets", first, features)

@@ -3,6 +3,7 @@
 import pickle
 import sys
 import zipfile
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.npz import read_npz
 from elitelanes_jax.cli.arguments import naming_options
 from elitelanes_jax.maps import GenerateSpec
+from elitelanes_jax.maps.spec import parse_part, parse_split
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.problem.inventory import parse_numbers
 
 
 @pytest.mark.parametrize(
@@ -116,3 +120,13 @@ def test_an_error_has_its_parts_and_survives_pickling():
     assert str(copy) == "expected rows of one length, got 3; is it tiles?; or rows"
     assert (copy.subject, copy.expected, copy.got) == ("", "rows of one length", "3")
     assert str(InputError("map.yaml", "", "no such file")) == "map.yaml: no such file"
+
+
+@pytest.mark.parametrize(
+    "read",
+    [check_shape, parse_part, parse_split, lambda pair: parse_numbers("weights", ["turns"], [pair], least=0)],
+)
+def test_items_without_end_are_refused(read):
+    """A list of them would fill the memory."""
+    with pytest.raises(InputError):
+        read(count())
