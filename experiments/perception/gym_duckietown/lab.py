@@ -279,16 +279,17 @@ def _train(name: str, seed: int, out: Path) -> Path:
         return weights
     if row.source == "limit":
         views = out / "own.npz"
-        _take_pictures("development", 960, views)
+        _take_pictures("development", 960, views, "--no-labels")  # of people's maps and of our towns
     else:
         views = _make_views(row, tiles, out / "views" / name)
     write_trained(weights, partial(train, row.task, read_views(views), row.steps, seed))
     return weights
 
 
-def _take_pictures(part: str, poses: int, file: Path) -> None:
-    """Takes pictures in gym-duckietown if they are not there."""
-    if not file.exists() and pictures.main([part, "--only", "people", "--poses", str(poses), "--out", str(file)]):
+def _take_pictures(part: str, poses: int, file: Path, *options: str) -> None:
+    """Takes pictures in gym-duckietown if they are not there. `options` are those of `pictures`."""
+    command = [part, "--poses", str(poses), "--out", str(file), *options]
+    if not file.exists() and pictures.main(command):
         raise InputError(file, "pictures of gym-duckietown", "an error")
 
 
@@ -384,7 +385,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     out, file = options.out, options.out / "results.json"
-    _take_pictures("test", 12, out / "test.npz")
+    _take_pictures("test", 12, out / "test.npz", "--only", "people")
     test = read_pictures(out / "test.npz")
     results: Results = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
     for name in options.rows:

@@ -1,9 +1,11 @@
 """Pictures of gym-duckietown at random poses on lanes, with labels and lane poses, in a file.
 
     python -m experiments.perception.gym_duckietown.pictures {development,test} --out FILE [--style NAME] [--poses N]
+        [--no-labels]
 
 Pictures of test maps serve for figures alone. Those of development maps serve to train a network on gym-duckietown's
-own pictures, which shows the limit.
+own pictures, which shows the limit. A network that finds lane poses needs no labels, and pictures without them take a
+third of the time.
 """
 
 import argparse
@@ -108,20 +110,27 @@ def shrink(images: UInt8[NDArray, "N 480 640 3"]) -> UInt8[NDArray, "N 120 160 3
     return np.stack(small).astype(np.uint8)
 
 
-def take(world: World, place: DuckietownMap, style: str, count: int, seed: int) -> Pictures:
-    """Takes pictures of a map at random poses. Poses where gym-duckietown finds no lane are left out."""
+def take(world: World, place: DuckietownMap, style: str, count: int, seed: int, *, labels: bool = True) -> Pictures:
+    """Takes pictures of a map at random poses. Poses where gym-duckietown finds no lane are left out.
+
+    Without `labels`, all labels are 0.
+    """
     poses = random_poses(place.codes, count, seed)
     near = jax.vmap(partial(lane_pose, place.codes))(Pose(*poses.T.astype(np.float32)))
     codes = place.codes[np.floor(poses[:, 1]).astype(int), np.floor(poses[:, 0]).astype(int)]
     ways = np.array([int(code).bit_count() for code in codes])
     kinds = np.where(ways > 2, 2, np.where(np.isin(codes, (5, 10)), 0, 1)).astype(np.uint8)
     images, lane, objects = _look(world, place, style, poses, shrink)
-    labels, white = _look_at_labels(world, place, poses, {})
-    fitting, fitting_white = _look_at_labels(world, place, poses, label_tiles(style))
+    if labels:
+        classes, white = _look_at_labels(world, place, poses, {})
+        fitting, fitting_white = _look_at_labels(world, place, poses, label_tiles(style))
+    else:
+        classes = fitting = np.zeros(images.shape[:-1], np.uint8)
+        white = fitting_white = np.zeros(images.shape[:-1], bool)
     lanes = np.column_stack([lane / (TILE, 1), _CURVATURES[np.asarray(near.movement.turn)]]).astype(np.float32)
     ours = np.column_stack([near.d, near.phi]).astype(np.float32)
     found = np.isfinite(lanes).all(axis=1)
-    taken = Pictures(images, labels, lanes, ours, kinds, np.full(count, objects), white, fitting, fitting_white)
+    taken = Pictures(images, classes, lanes, ours, kinds, np.full(count, objects), white, fitting, fitting_white)
     return Pictures(*(np.compress(found, part, axis=0) for part in taken))
 
 
@@ -205,6 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--style", choices=STYLES, default="photos")
     parser.add_argument("--poses", type=whole(1, 10_000), default=30, metavar="N", help="on each map; default 30")
     parser.add_argument("--only", choices=("people", "towns"), help="people's maps, or our towns; default both")
+    parser.add_argument("--no-labels", dest="labels", action="store_false", help="draw no labels; all are 0")
     options = parser.parse_args(arguments)
     return run("pictures", lambda: _run(options))
 
@@ -212,7 +222,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     with World() as world:
         maps = read_maps(options.part, options.only)
-        parts = [take(world, place, options.style, options.poses, index) for index, place in enumerate(maps)]
+        take_from = partial(take, world, style=options.style, count=options.poses, labels=options.labels)
+        parts = [take_from(place, seed=index) for index, place in enumerate(maps)]
     pictures = Pictures(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
     options.out.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(options.out, **pictures._asdict())
