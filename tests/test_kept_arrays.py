@@ -248,7 +248,7 @@ CASES = {
     "auto_replay": Case(lambda: jax.tree.map(lambda part: part[0], levels()), replayed, lambda state: state),
     "sight": Case(
         lambda: make_sight(load_tiles(), TINY, tile_px=16),
-        lambda sight: LaneDriveParams(levels(), sight=sight),
+        lambda sight: LaneDriveParams(levels(), observe="camera", sight=sight),
         lambda params: params.sight,
     ),
     "RoadMap": record(RoadMap, draw_map),

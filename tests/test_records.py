@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import DatasetSpec, GenerateSpec, InputError, SearchSpec
-from elitelanes_jax.drive import Camera, LaneDriveParams, RoadNavParams, make_levels
+from elitelanes_jax import DatasetSpec, GenerateSpec, InputError, SearchSpec, load_tiles
+from elitelanes_jax.drive import Camera, LaneDriveParams, RoadNavParams, make_levels, make_sight
 from elitelanes_jax.drive.robot import Robot
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.optimizers import (
@@ -36,6 +36,10 @@ def levels():
 
 def level():
     return jax.tree.map(lambda part: part[0], levels())
+
+
+def sight():
+    return make_sight(load_tiles(), Camera(rows=4, columns=4), tile_px=16)
 
 
 @pytest.mark.usefixtures("any_types")
@@ -95,6 +99,7 @@ def level():
         (RoadNavParams, {"levels": levels, "tile_cost": float("nan")}, "tile_cost: expected a number"),
         (LaneDriveParams, {"levels": levels, "task": "park"}, "task: expected one of route, lane, got 'park'"),
         (LaneDriveParams, {"levels": levels, "observe": "camera"}, "sight: expected a result of make_sight, .* None"),
+        (LaneDriveParams, {"levels": levels, "sight": sight}, "observe: expected 'camera', to see .* got 'lane'"),
         (Streets, {"tile_size": 6}, "tile_size: expected more than two lanes, 6.4 m, got 6 m"),
     ],
 )

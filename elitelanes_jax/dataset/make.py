@@ -24,6 +24,7 @@ from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.faults import announce_without_room
 
 
 @name_wrong_arguments
@@ -99,6 +100,7 @@ def make_planned(
         # All parts need all maps, because the splits depend on all of them.
         maps, splits = _make_maps(plan, work, pool)
         _resume_pictures(out, work, identity, force)
+        announce_without_room(maps, spec.furnish)
         drawing = Drawing.of_maps(plan, maps)
         samples = Samples(spec.views, splits, spec.map_indices, work.files, work.kept / "records")
         try:

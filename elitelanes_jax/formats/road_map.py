@@ -198,7 +198,7 @@ def _json_lines(value: Plain, indent: str) -> str:
 
 @name_wrong_arguments
 def read_map(file: str | Path) -> RoadMap:
-    """Reads a map file; ``{"codes": [[...], ...]}`` is enough.
+    """Reads a map file; ``{"codes": [[...], ...]}`` is enough. Keys of other programs are not read.
 
     Files ``.yaml`` and ``.yml`` are maps of Duckietown, and so are folders with ``tiles.yaml`` and
     ``frames.yaml``. If the metrics in the file are not those of its codes, they are computed again.

@@ -3,6 +3,7 @@
 The faults are roads that end, signs of other roads, and crossings and streets that lack signs.
 """
 
+from collections.abc import Iterable
 from math import floor
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from jaxtyping import Int8
 
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import pluralize
-from elitelanes_jax._util.progress import announce_at_end
+from elitelanes_jax._util.progress import announce, announce_at_end
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import crossing_of, heading_of_reader
@@ -24,6 +25,7 @@ from elitelanes_jax.maps.furnishing.signs import (
     has_free_corners,
     topology_sign,
 )
+from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.maps.furnishing.street_names import street_name_faults
 
 
@@ -121,11 +123,25 @@ def _wrong_signs(road_map: RoadMap) -> list[str]:
     if parts:
         texts.append(f"{' and '.join(parts)}, furnish places signs again")
     if faults.without_room:
-        texts.append(describe_without_room(faults.without_room, faults.crossings, "signs"))
+        texts.append(_describe_without_room(faults.without_room, faults.crossings, "signs"))
     return texts
 
 
-def describe_without_room(missing: int, count: int, things: str) -> str:
+def announce_without_room(maps: Iterable[RoadMap], spec: FurnishSpec | None) -> None:
+    """Announces how many crossings get no signs or lights because of a road at a corner."""
+    if spec is None or (spec.signs == "none" and not spec.lights):
+        return
+    has_room = [
+        has_free_corners(road_map.codes, tile)
+        for road_map in maps
+        for tile in crossings(road_map.codes)
+    ]
+    missing = has_room.count(False)
+    if missing:
+        announce(_describe_without_room(missing, len(has_room), "signs and lights"))
+
+
+def _describe_without_room(missing: int, count: int, things: str) -> str:
     """Returns a text: how many of a number of crossings have no room for signs or lights."""
     verb = "has" if missing == 1 else "have"
     crossing_words = pluralize(count, "crossing")

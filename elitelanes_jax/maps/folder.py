@@ -16,12 +16,11 @@ from jaxtyping import UInt8
 from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
-from elitelanes_jax._util.progress import Progress, announce
+from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax.formats.road_map import Drawn, RoadMap
-from elitelanes_jax.maps.faults import describe_without_room
+from elitelanes_jax.maps.faults import announce_without_room
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
-from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, pin_signs
@@ -80,8 +79,7 @@ def write_maps(
         for index, plain in enumerate(maps):
             furnished.append(check_named(f"furnish: map {index}", place, plain))
         maps = furnished
-        if drawing.furnish.signs == "possible" or drawing.furnish.lights:
-            _announce_without_room(maps)
+        announce_without_room(maps, drawing.furnish)
     # Objects are placed first, because maps with objects need a larger sheet.
     sheet_px = _choose_sheet_px(maps)
     draw = partial(_draw_map, folder / "maps", drawing, sheet_px)
@@ -94,18 +92,6 @@ def write_maps(
     sheet = contact_sheet(title, [picture for _, picture in drawn], captions)
     write_png(folder / "contact-sheet.png", sheet)
     return road_maps
-
-
-def _announce_without_room(maps: Sequence[RoadMap]) -> None:
-    """Announces how many crossings have no signs or lights because of a road at a corner."""
-    has_room = [
-        has_free_corners(road_map.codes, tile)
-        for road_map in maps
-        for tile in crossings(road_map.codes)
-    ]
-    missing = has_room.count(False)
-    if missing:
-        announce(describe_without_room(missing, len(has_room), "signs and lights"))
 
 
 class _SheetSize(NamedTuple):

@@ -13,6 +13,7 @@ from elitelanes_jax.dataset import _card, draw_sample
 from elitelanes_jax.dataset.planning import plan_dataset
 from elitelanes_jax.drive.camera_options import LaneCamera
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
+from elitelanes_jax.maps import faults
 from elitelanes_jax.tiles import load_objects
 
 PX = 32
@@ -247,6 +248,15 @@ def test_a_set_without_a_kind_is_refused_before_anything_is_drawn(maps, tmp_path
     assert "object_set" not in make_dataset(views, tmp_path / "bare")
     assert not list((tmp_path / "bare").rglob("*instances*"))
     assert "object" not in (tmp_path / "bare" / "README.md").read_text()
+
+
+def test_crossings_without_room_for_signs_are_counted(tmp_path, monkeypatch):
+    lines = []
+    monkeypatch.setattr(faults, "announce", lines.append)
+    full = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
+    settings = {"maps_from": [RoadMap(full)], "split": (1, 0, 0), "tile_px": PX, "furnish": ["signs=possible"]}
+    make_dataset(DatasetSpec(**settings), tmp_path / "out")
+    assert lines == ["5 of 5 crossings have no room for signs and lights, because a road is at a corner"]
 
 
 def test_kinds_do_not_overprint_each_other(tmp_path, monkeypatch):

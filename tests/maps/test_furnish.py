@@ -15,11 +15,13 @@ import pytest
 
 from elitelanes_jax import InputError, RoadMap, read_map
 from elitelanes_jax._util import progress
+from elitelanes_jax._util.checks import check_named
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import Camera
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.tags import STREET_NAMES
-from elitelanes_jax.maps import folder, furnish
+from elitelanes_jax.maps import faults as map_faults
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.furnishing.placing import placed_kinds
 from elitelanes_jax.maps.furnishing.space import Space, make_object
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
@@ -341,10 +343,13 @@ def test_settings_override_words_in_any_order(words):
 
 def test_crossings_without_room_for_signs_are_counted(monkeypatch):
     lines = []
-    monkeypatch.setattr(folder, "announce", lines.append)
+    monkeypatch.setattr(map_faults, "announce", lines.append)
     full = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
     alone = np.array([[0, 2, 0], [4, 15, 1], [0, 8, 0]], np.int8)
-    folder._announce_without_room([RoadMap(alone)])
+    possible, none = (check_named("furnish", parse_furnish, words) for words in ("signs=possible", "trees=2"))
+    map_faults.announce_without_room([RoadMap(alone)], possible)
+    map_faults.announce_without_room([RoadMap(full)], none)
+    map_faults.announce_without_room([RoadMap(full)], None)
     assert not lines
-    folder._announce_without_room([RoadMap(full), RoadMap(alone)])
+    map_faults.announce_without_room([RoadMap(full), RoadMap(alone)], possible)
     assert lines == ["5 of 6 crossings have no room for signs and lights, because a road is at a corner"]
