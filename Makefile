@@ -48,7 +48,7 @@ explorer: $(READY) .venv/.notebooks explorer/node_modules/.ready
 	cd explorer && npm run --silent check && npm run --silent test && node build.mjs ../$(BUILT)
 	diff -r $(BUILT) elitelanes_jax/explorer/static
 	$(BIN)/python -m pytest -n 2 --dist loadfile tests/explorer/test_explorer_browser.py tests/explorer/test_explorer_widget.py \
-	  tests/explorer/test_hands.py
+	  tests/explorer/test_explorer_views.py tests/explorer/test_hands.py
 
 .venv/.notebooks: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[notebooks]'

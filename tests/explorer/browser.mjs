@@ -4,12 +4,11 @@
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
-import { browser, require } from "./chromium.mjs";
+import { browser } from "./chromium.mjs";
 
 const folder = process.argv[2];
-const axe = require("axe-core").source;
 
-const seen = { console: [], requests: [], dialogs: [], axe: [], overflow: [] };
+const seen = { console: [], requests: [], dialogs: [] };
 
 async function open(name, { hash = "", width = 1280, height = 900, scheme = "light" } = {}) {
   const context = await browser.newContext({ viewport: { width, height }, colorScheme: scheme, bypassCSP: true });
@@ -623,28 +622,6 @@ for (const px of [64, 32]) {
   const page = await open("hostile.html", { hash: "view=maps" });
   seen.hostile = { words: await page.textContent(".gallery span"), scripts: await page.locator("script").count(), bold: await page.locator(".elx i b").count() };
   await page.context().close();
-}
-
-// Every view in both themes and widths: axe's serious faults, and what is wider than the screen.
-for (const scheme of ["light", "dark"]) {
-  for (const width of [1280, 390]) {
-    for (const view of ["archive", "maps", "compare", "draw", "run", "objects"]) {
-      const [name, shown] = view === "objects" ? ["furnished.html", "draw"] : ["run.html", view];
-      const page = await open(name, { width, scheme, hash: `view=${shown}&look=tiles&overlays=faces&pins=0.0,0.1` });
-      if (view === "objects") await button(page, "Objects");
-      await settle(page);
-      await page.waitForTimeout(60);
-      if (process.env.SHOTS) await page.screenshot({ path: join(process.env.SHOTS, `${view}-${scheme}-${width}.png`), fullPage: true });
-      const wide = await page.evaluate(() => document.documentElement.scrollWidth);
-      if (wide > width) seen.overflow.push(`${view} ${width}: ${wide}`);
-      await page.evaluate(axe);
-      const { violations } = await page.evaluate(() => axe.run(document, { resultTypes: ["violations"] }));
-      for (const fault of violations) {
-        seen.axe.push({ view, scheme, width, id: fault.id, impact: fault.impact, where: fault.nodes.slice(0, 3).map((node) => node.html.slice(0, 160)) });
-      }
-      await page.context().close();
-    }
-  }
 }
 
 await browser.close();
