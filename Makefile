@@ -404,8 +404,9 @@ $(PROGRAM): pyproject.toml $(CONSTRAINTS)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e .
 	touch $@
 
+# Python compiles a module when it is first imported. pip would compile all of them, which takes 20 s.
 $(READY): $(PROGRAM)
 	@echo "installing what the tests need"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) \
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check -c $(CONSTRAINTS) \
 	  -e '.[$(TESTED)]'
 	touch $@
