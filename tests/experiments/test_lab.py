@@ -35,7 +35,7 @@ def test_the_table_has_the_median_and_the_range_of_the_seeds():
         "photographs-stream": {
             "0": run | {"rides": 32, "stay": 31, "own_lane": 29},
             "1": run | {"offset": 0.2, "usual-60 rides": 32, "usual-60 stay": 30, "usual-60 own_lane": 28},
-            "2": run | {"offset": 0.3},
+            "2": run | {"offset": 0.3, "arc offset": 0.1, "arc straight": 0.2, "arc curve": 0.3, "arc crossing": 0.4},
         },
         "committed-labels": {
             "0": {"background": 0.9, "road": 0.8, "stop line": 0.7, "lane separator": 0.6, "paved": 0.5}
@@ -45,6 +45,7 @@ def test_the_table_has_the_median_and_the_range_of_the_seeds():
     assert "| five photographs, stream | 3 | 0.300 (0.200 to 0.400) |" in rows[2]
     assert "rides of 20 s in random light" in rows[0] and "rides of 60 s in random light" not in rows[0]
     assert rows[2].endswith("| 31 and 29 of 32 | 30 and 28 of 32 |")
+    assert rows[6] == "| five photographs, stream | 1 | 0.100 | 0.200 | 0.300 | 0.400 |"
     assert rows[-1].endswith("| 1 | 0.900 | 0.800 | 0.700 | 0.600 | 0.500 |")
 
 

@@ -1,4 +1,4 @@
-"""Every view of the page in Chromium, shown by ``views.mjs``: accessible by axe's rules, and no wider than the screen."""
+"""Every view of the page in Chromium, as ``views.mjs`` shows it: accessible by axe's rules, and not too wide."""
 
 import json
 import subprocess

@@ -301,12 +301,17 @@ def _measure(row: Row, weights: Path, test: Pictures) -> dict[str, float]:
         found = find_labels(parameters, test.images[without])
         scores = score_labels(test.fitting[without], test.fitting_white[without], found)
         return dict(zip(LABELS, map(float, scores.classes), strict=True)) | {"paved": scores.paved}
-    errors = errors_of(test, np.asarray(find_poses(parameters, test.images), float))
+    found = np.asarray(find_poses(parameters, test.images), float)
+    errors = errors_of(test, found)
     offset, angle = np.median(errors, axis=0)
     offset_90, angle_90 = np.percentile(errors, 90, axis=0)
     figures = {"offset": offset, "angle": angle, "offset_90": offset_90, "angle_90": angle_90}
+    # In turns, gym-duckietown's lanes are Bézier curves up to 3.5 cm beside our arcs.
+    arc_errors = errors_of(test._replace(lanes=test.ours), found)
+    figures["arc offset"] = np.median(arc_errors[:, 0])
     for index, kind in enumerate(KINDS):
         figures[kind] = np.median(errors[test.kinds == index, 0])
+        figures[f"arc {kind}"] = np.median(arc_errors[test.kinds == index, 0])
     return {name: float(figure) for name, figure in figures.items()}
 
 
@@ -342,8 +347,11 @@ def _counts(runs: dict[str, dict[str, float]], drive: Drive) -> str:
 
 
 def report(results: Results) -> str:
-    """Returns the tables of poses and of labels: the medians of all seeds, and their range."""
-    poses, labels = [], []
+    """Returns the tables of poses and of labels: the medians of all seeds, and their range.
+
+    A second table of poses has the errors against our lane pose, whose turns are arcs.
+    """
+    poses, arcs, labels = [], [], []
     driven = {figure for runs in results.values() for figures in runs.values() for figure in figures}
     drives = [drive for drive in DRIVES.values() if f"{drive.prefix}rides" in driven]
     for name, row in ROWS.items():
@@ -355,8 +363,14 @@ def report(results: Results) -> str:
             continue
         figures = [_median(runs, figure, 3) for figure in ("offset", "offset_90", "angle", *KINDS)]
         poses.append([row.words, str(len(runs)), *figures, *(_counts(runs, drive) for drive in drives)])
+        measured = {seed: run for seed, run in runs.items() if "arc offset" in run}
+        if measured:
+            figures = [_median(measured, f"arc {part}", 3) for part in ("offset", *KINDS)]
+            arcs.append([row.words, str(len(measured)), *figures])
     head = ["trained on", "seeds", "offset, cm: median", "90 %", "angle, rad: median", *KINDS]
     text = table([*head, *(f"rides of {drive.words}: stay, and never oncoming" for drive in drives)], poses)
+    if arcs:
+        text += "\n" + table(["against our arcs: trained on", "seeds", "offset, cm: median", *KINDS], arcs)
     if labels:
         text += "\n" + table(["trained on", "seeds", *LABELS, "paved"], labels)
     return text
