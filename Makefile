@@ -43,12 +43,13 @@ notebooks: $(READY)
 	$(BIN)/python -m pytest -n auto -m 'slow or not slow' -k 'test_runs and ($(NOTEBOOKS))' tests/docs/test_notebooks.py
 
 # The explorer's module is built anew; it differs from the one in the package only where a change was not built.
-# Then the page and the widget are clicked through, in Chromium and JupyterLab.
+# Then the page and the widget are clicked through, in Chromium and JupyterLab. PAGES= leaves that out.
+PAGES := $(patsubst %,tests/explorer/test_%.py,explorer_browser explorer_widget explorer_views hands)
+
 explorer: $(READY) .venv/.notebooks explorer/node_modules/.ready
 	cd explorer && npm run --silent check && npm run --silent test && node build.mjs ../$(BUILT)
 	diff -r $(BUILT) elitelanes_jax/explorer/static
-	$(BIN)/python -m pytest -n 2 --dist loadfile tests/explorer/test_explorer_browser.py tests/explorer/test_explorer_widget.py \
-	  tests/explorer/test_explorer_views.py tests/explorer/test_hands.py
+	$(if $(PAGES),$(BIN)/python -m pytest -n 2 --dist loadfile $(PAGES))
 
 .venv/.notebooks: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[notebooks]'

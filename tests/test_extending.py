@@ -481,6 +481,7 @@ def test_a_step_evaluates_a_whole_number_of_grids(wrong, got):
         evolve(0, (4, 4), seeds=1, optimizer=lambda problem: ea(problem)._replace(evaluations_per_step=wrong))
 
 
+@pytest.mark.slow
 def test_what_a_fitness_reads_may_change_beside_an_optimizer():
     """An optimiser is traced once, but the fitness that it minimises is another one after the change."""
     added = 0

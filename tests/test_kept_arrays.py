@@ -6,7 +6,7 @@ JAX on a processor shares the memory of NumPy's arrays at addresses that 64 divi
 import copy
 import pickle
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from inspect import isclass, ismodule
 from pathlib import Path
@@ -143,19 +143,22 @@ def replayed(level):
     return auto_replay(RoadNav).reset_to_level(KEY, level, RoadNavParams(levels()))[1]
 
 
+tile_set, object_set = cache(load_tiles), cache(load_objects)  # each is made of arrays that nothing can write to
+
+
 def draw_tile():
-    tile = load_tiles().tiles[0]
+    tile = tile_set().tiles[0]
     layers = {name: np.array(getattr(tile, name)) for name in ("image", "road", "red", "yellow")}
     return layers | {"opaque": np.ones_like(tile.road), "transparent": {"image": 0.5}}
 
 
 def draw_object():
-    first = load_objects().pictures[0]
+    first = object_set().pictures[0]
     return dict(first.views), first.top
 
 
 def make_object(pictures):
-    first = load_objects().pictures[0]
+    first = object_set().pictures[0]
     return type(first)(first.name, first.kind, 1, (1, 1), None, *pictures)
 
 
@@ -247,23 +250,23 @@ CASES = {
     ),
     "auto_replay": Case(lambda: jax.tree.map(lambda part: part[0], levels()), replayed, lambda state: state),
     "sight": Case(
-        lambda: make_sight(load_tiles(), TINY, tile_px=16),
+        lambda: make_sight(tile_set(), TINY, tile_px=16),
         lambda sight: LaneDriveParams(levels(), observe="camera", sight=sight),
         lambda params: params.sight,
     ),
     "RoadMap": record(RoadMap, draw_map),
     "Plan": record(Plan, lambda: make_plan(MAPS[0])._asdict()),
     "Tile": record(partial(Tile, "turn_1", 6), draw_tile),
-    "TileSet": record(partial(TileSet, "own", ""), lambda: {"tiles": list(load_tiles().tiles)}),
-    "ObjectSet": record(partial(ObjectSet, "own"), lambda: {"pictures": list(load_objects().pictures)}),
+    "TileSet": record(partial(TileSet, "own", ""), lambda: {"tiles": list(tile_set().tiles)}),
+    "ObjectSet": record(partial(ObjectSet, "own"), lambda: {"pictures": list(object_set().pictures)}),
     "ObjectPictures": Case(draw_object, make_object, lambda made: (made.views, made.top)),
-    "Photograph": record(partial(Photograph, "floor.jpg"), lambda: {"image": np.array(load_tiles().tiles[0].image)}),
+    "Photograph": record(partial(Photograph, "floor.jpg"), lambda: {"image": np.array(tile_set().tiles[0].image)}),
     "Lens": record(
         partial(Lens, fisheye=False, width=4, height=3), lambda: {"matrix": np.eye(3), "distortion": np.ones(4)}
     ),
     "Cut": record(
         partial(Cut, "turn_1", 6, photo="floor.jpg", row=0, column=0),
-        lambda: {"image": np.array(load_tiles().tiles[0].image)},
+        lambda: {"image": np.array(tile_set().tiles[0].image)},
     ),
     "Proposal": record(partial(Proposal, photo="", width=4, height=3, radial=0.0, score=1.0, advice=""), draw_proposal),
     "Task": record(partial(Task, name="own", shape=(5, 5), fill=True, evaluations=10_000, tiles=None), draw_task),
@@ -308,7 +311,7 @@ SLOW = {
         next,
     ),
     "film": Case(
-        lambda: make_rides(MAPS[0], 1, seconds=1), lambda rides: film(MAPS[0], load_tiles(), rides, tile_px=16), next
+        lambda: make_rides(MAPS[0], 1, seconds=1), lambda rides: film(MAPS[0], tile_set(), rides, tile_px=16), next
     ),
 }
 
@@ -409,5 +412,5 @@ def test_a_copy_is_not_copied_again():
     photograph = Photograph("floor.jpg", np.zeros((300, 400, 3), np.uint8))
     for other in (photograph._replace(name="other.jpg"), copy.copy(photograph), Photograph(*photograph)):
         assert other.image is photograph.image
-    tiles = load_tiles().tiles
+    tiles = tile_set().tiles
     assert all(tile.image is given.image for tile, given in zip(TileSet("own", "", tiles).tiles, tiles, strict=True))

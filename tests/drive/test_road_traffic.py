@@ -195,6 +195,7 @@ def test_without_gridlock_somebody_moves_soon(towns):
         assert stuck[-1].any() and not stuck[-1].all()
 
 
+@pytest.mark.slow
 def test_a_circle_closes_if_and_only_if_its_robots_are_then_in_gridlock(towns):
     levels, robots, closed = make_traffic_levels(towns), 32, 0
     for slots in (1, 2):

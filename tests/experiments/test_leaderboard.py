@@ -46,6 +46,7 @@ def two_runs(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_stranger_adds_a_row_that_is_checked(tmp_path, capsys, unpublished):
     assert measure(tmp_path) == 0 and measure(tmp_path, "--check", "--replay", "1", "--page") == 0
     printed = capsys.readouterr().out

@@ -130,6 +130,7 @@ def test_objects_are_numbered_from_north_to_south_and_arrows_point_ahead():
         assert np.arctan2(-south, east) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["duckie", "floor_tag"])
 def test_objects_on_roads_hide_tape_and_labels(kind, tmp_path):
     def green(x, y):

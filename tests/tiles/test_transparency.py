@@ -206,6 +206,7 @@ def test_thin_lines_hide_the_ground_at_every_size(plain):
     assert beside_ground.any() and not (picture.image[beside_ground] == GROUND).all(axis=-1).any()
 
 
+@pytest.mark.slow
 def test_patterns_of_the_background_show_through(folder, cut):
     tiles = load_tiles(folder)
     transforms = parse_transforms(["none", "background=1"])
