@@ -29,7 +29,7 @@ JAX_COMPILATION_CACHE_DIR names another folder."""
 """The end of the help of commands that search."""
 
 
-class _Once(argparse.Action):
+class Once(argparse.Action):
     """Stores the value of an option without a default, and refuses a second value."""
 
     def __call__(self, *arguments: Untyped) -> None:
@@ -302,7 +302,7 @@ def _kind(option: Option, default: UserValue) -> dict[str, Untyped]:
     if isinstance(option.metavar, tuple):
         return kind | {"nargs": len(option.metavar)}
     if option.many == "once":
-        return kind | {"action": _Once}
+        return kind | {"action": Once}
     if option.many:
         # A repeated option adds values to the earlier ones.
         return kind | {"nargs": "*" if option.many == "*" else "+", "action": "extend"}

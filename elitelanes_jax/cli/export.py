@@ -16,6 +16,7 @@ from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import (
     Commands,
+    Once,
     add_command,
     add_options,
     add_shared,
@@ -59,6 +60,9 @@ def add_export(commands: Commands) -> None:
     command.add_argument(
         "--to",
         type=checked_by(nonblank),
+        # `pack --to` takes several formats. The first one would be dropped here without a word.
+        action=Once,
+        default=argparse.SUPPRESS,
         required=True,
         metavar="FORMAT",
         help=", ".join((*FORMATS, _TABLE)),

@@ -129,7 +129,11 @@ def _wrong_signs(road_map: RoadMap) -> list[str]:
 
 def announce_without_room(maps: Iterable[RoadMap], spec: FurnishSpec | None) -> None:
     """Announces how many crossings get no signs or lights because of a road at a corner."""
-    if spec is None or (spec.signs == "none" and not spec.lights):
+    if spec is None:
+        return
+    things = ["signs"] if spec.signs != "none" else []
+    things += ["lights"] if spec.lights else []
+    if not things:
         return
     has_room = [
         has_free_corners(road_map.codes, tile)
@@ -138,7 +142,7 @@ def announce_without_room(maps: Iterable[RoadMap], spec: FurnishSpec | None) -> 
     ]
     missing = has_room.count(False)
     if missing:
-        announce(_describe_without_room(missing, len(has_room), "signs and lights"))
+        announce(_describe_without_room(missing, len(has_room), " and ".join(things)))
 
 
 def _describe_without_room(missing: int, count: int, things: str) -> str:

@@ -123,7 +123,7 @@ class Settings:
         (), parse_weights, "NAME=N", many=True, after="features"
     )
     targets: tuple[ExampleValues, ...] = option((), parse_targets, after="features")
-    fix: FixedCells | None = option(None, none_or(parse_fixed_cells), "FILE")
+    fix: FixedCells | None = option(None, none_or(parse_fixed_cells), "FILE", many="once")
     rules: str | None = option(None, none_or(one_of(*RULES)), "NAME")
     inventory: tuple[tuple[str, int], ...] | None = option(
         None, none_or(parse_inventory), "KIND=N", many=True

@@ -256,7 +256,7 @@ def test_crossings_without_room_for_signs_are_counted(tmp_path, monkeypatch):
     full = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
     settings = {"maps_from": [RoadMap(full)], "split": (1, 0, 0), "tile_px": PX, "furnish": ["signs=possible"]}
     make_dataset(DatasetSpec(**settings), tmp_path / "out")
-    assert lines == ["5 of 5 crossings have no room for signs and lights, because a road is at a corner"]
+    assert lines == ["5 of 5 crossings have no room for signs, because a road is at a corner"]
 
 
 def test_kinds_do_not_overprint_each_other(tmp_path, monkeypatch):

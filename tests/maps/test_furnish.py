@@ -346,10 +346,14 @@ def test_crossings_without_room_for_signs_are_counted(monkeypatch):
     monkeypatch.setattr(map_faults, "announce", lines.append)
     full = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
     alone = np.array([[0, 2, 0], [4, 15, 1], [0, 8, 0]], np.int8)
-    possible, none = (check_named("furnish", parse_furnish, words) for words in ("signs=possible", "trees=2"))
+    words = ("signs=possible", "trees=2", "lights=1", "all lights=0.5")
+    possible, none, lights, both = (check_named("furnish", parse_furnish, text) for text in words)
     map_faults.announce_without_room([RoadMap(alone)], possible)
     map_faults.announce_without_room([RoadMap(full)], none)
     map_faults.announce_without_room([RoadMap(full)], None)
     assert not lines
     map_faults.announce_without_room([RoadMap(full), RoadMap(alone)], possible)
-    assert lines == ["5 of 6 crossings have no room for signs and lights, because a road is at a corner"]
+    assert lines == ["5 of 6 crossings have no room for signs, because a road is at a corner"]
+    for spec in (lights, both):
+        map_faults.announce_without_room([RoadMap(full)], spec)
+    assert ["for lights," in lines[1], "for signs and lights," in lines[2]] == [True, True]
