@@ -87,7 +87,7 @@ from elitelanes_jax.optimizers import (
     with_symmetric_copy,
 )
 from elitelanes_jax.optimizers._population import random_population
-from elitelanes_jax.optimizers.interop import qdax_scoring_fn
+from elitelanes_jax.optimizers.interop import qdax_moves, qdax_scoring_fn
 from elitelanes_jax.photographs import Photograph, propose_tiles
 from elitelanes_jax.problem import Population, coverage, extreme_maps, insert, qd_score
 from elitelanes_jax.problem.descriptor import niche_index
@@ -118,6 +118,11 @@ POPULATION = Population(np.zeros((2, 4, 4), np.int8), np.zeros(2, np.int32), np.
 
 def begin(environment, params):
     return jax.random.key(0), environment.reset(jax.random.key(0), params(levels()))[1]
+
+
+def moved(grid):
+    move = make_move("transplant")
+    return move.apply(np.zeros(move.bits, np.uint32), grid)
 
 
 def drive_by(action):
@@ -301,6 +306,19 @@ WRONG = {
     "objects: expected ObjectSet, got {}": lambda: make_sight(objects={}),
     "objects: expected ObjectSet, got 'none'": lambda: make_scenes(GRID, objects="none", tile_px=16),
     "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
+    "grid: expected integer tile codes, got float32": lambda: moved(np.ones((3, 3), np.float32)),
+    "grid: expected two dimensions (rows, columns), got shape (1, 2, 2)": lambda: moved([GRID]),
+    "grid: expected tile codes 0 to 15, got 99": lambda: moved([[99]]),
+    "niche: expected whole numbers, got bool": lambda: insert(POPULATION, np.zeros(2, bool), POPULATION),
+    "mates: expected 2 grids, got 1": lambda: qdax_moves(road_problem((2, 2)))[1](
+        np.zeros((2, 2, 2), np.int8), np.zeros((1, 2, 2), np.int8), jax.random.key(0)
+    ),
+    "fitness: expected features that are measured, got 'signable'; weights={'signable': 0} measures": lambda: evolve(
+        0, (4, 4), evaluations=50, fitness=lambda features: features["signable"]
+    ),
+    "moves: stairs: expected a weight and a Move, got Move(": lambda: evolve(
+        0, (4, 4), evaluations=50, moves={"stairs": make_move("link")}
+    ),
     "niche: expected 2 indices, one for each grid, got [3]": lambda: insert(POPULATION, np.zeros(3, int), POPULATION),
     "populations: expected at least one, got none": lambda: truncate(count=3),
     "pose: expected Pose of numbers, got Pose(x='a', y=0, theta=0)": lambda: lane_pose(GRID, Pose("a", 0, 0)),

@@ -309,7 +309,6 @@ class Batch:
 
     def _check_actions(self, actions: UserValue) -> np.ndarray:
         """Returns actions as an array of one dtype, so that JAX compiles one program."""
-        array = read_actions(actions)
         action = self._action
         shape = (
             (self.envs, *action.shape[1:])
@@ -317,11 +316,7 @@ class Batch:
             else (self.envs, *action.shape)
         )
         choices = self.environment.actions
-        allowed_kinds = "iuf" if choices is None else "iu"
-        if array.shape != shape or array.dtype.kind not in allowed_kinds:
-            numbers = "numbers" if choices is None else "whole numbers"
-            got = f"{array.dtype} {list(array.shape)}"
-            raise InputError("actions", f"{numbers} {list(shape)}", got)
+        array = check_actions(actions, shape, whole=choices is not None)
         if choices is not None:
             # Clipped here, because a number of more than 32 bits would wrap around.
             array = np.minimum(np.maximum(array, 0).astype(np.uint64), choices - 1)
@@ -339,10 +334,21 @@ def _share_places(params: Pytree, other: Pytree) -> bool:
     return same_levels and params.slots == other.slots
 
 
-def read_actions(actions: UserValue) -> np.ndarray:
-    """Returns actions as an array of NumPy, which may be of any shape and dtype."""
+def check_actions(
+    actions: UserValue, shape: tuple[int, ...], *, whole: bool, subject: str = "actions"
+) -> np.ndarray:
+    """Returns actions as an array of NumPy of a shape.
+
+    Raises `InputError` for another shape, and for anything but numbers, or whole ones if asked.
+    """
     try:
-        return np.asarray(actions)
+        array = np.asarray(actions)
     except ValueError:
         # The actions are lists of several lengths.
-        raise InputError("actions", "numbers", shorten(repr(actions))) from None
+        raise InputError(subject, "numbers", shorten(repr(actions))) from None
+    if array.shape != shape or array.dtype.kind not in ("iu" if whole else "iuf"):
+        numbers = "numbers" if not whole else "whole numbers" if shape else "a whole number"
+        expected = f"{numbers} {list(shape)}" if shape else numbers
+        got = f"{array.dtype} {list(array.shape)}"
+        raise InputError(subject, expected, got)
+    return array

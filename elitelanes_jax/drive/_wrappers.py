@@ -19,10 +19,10 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import OptionValue, Pytree, Untyped, UserValue
-from elitelanes_jax.drive._batch import Batch, read_actions
+from elitelanes_jax.drive._batch import Batch, check_actions
 from elitelanes_jax.drive._batch_programs import DISABLED
 from elitelanes_jax.drive._environment import Environment, auto_reset
-from elitelanes_jax.drive._flat import action_space, flattened, observation_space
+from elitelanes_jax.drive._flat import action_shape, action_space, flattened, observation_space
 from elitelanes_jax.drive._lane_drive import LaneDrive
 from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
 from elitelanes_jax.drive._levels import check_maps, draw_levels
@@ -273,6 +273,7 @@ def gymnasium_env(
     check_render(render)
     # Gymnasium's environments do not reset by themselves.
     batch, draw = Batch(environment, params, 1, DISABLED), render
+    shape, whole = action_shape(environment, params).shape, environment.actions is not None
 
     class Env(HasParams, gymnasium.Env):
         """The environment."""
@@ -295,7 +296,9 @@ def gymnasium_env(
             return observation, {}
 
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
-            done = self._batch.step(read_actions(action)[None])
+            # Checked here too, because messages of the batch have its axis.
+            array = check_actions(action, shape, whole=whole, subject="action")
+            done = self._batch.step(array[None])
             # The ellipsis keeps an array of NumPy. A plain index would return a scalar.
             metrics = {name: metric[0, ...] for name, metric in done.metrics.items()}
             ended = bool(done.terminated[0]), bool(done.truncated[0])

@@ -32,6 +32,7 @@ from elitelanes_jax._util.records import Record, number_or_array, one_number, op
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import rotate_codes
 from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.pytrees import pytree
@@ -151,7 +152,7 @@ class MoveWeights(Record):
         for name, value in moves.items():
             if name in KNOWN_MOVES:
                 weights[name] = value
-            elif isinstance(value, tuple | list):
+            elif isinstance(value, tuple | list | Move):
                 # The pair of a weight and a `Move` is checked with all moves of the user below.
                 user_moves[name] = value
             else:
@@ -229,6 +230,7 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         bits = check_array("bits", bits, (move.bits + 1,), jnp.uint32)
+        grid = jnp.asarray(check_grid(grid))
         varied = Variation(*move.apply(bits[:-1], grid, mate))
         happens = bernoulli(bits[-1], probability)
         filled = repair(*varied, fill=True, fixed=fixed)
@@ -252,6 +254,7 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         bits = check_array("bits", bits, (move.bits + 1,), jnp.uint32)
+        grid = jnp.asarray(check_grid(grid))
         varied, dirty = move.apply(bits[:-1], grid, mate)
         rotated_grid = rotate_codes(varied, 2)[::-1, ::-1]
         is_copied = dirty[::-1, ::-1]
@@ -298,6 +301,7 @@ def _move(
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         bits = check_array("bits", bits, (_BITS + most_user_bits,), jnp.uint32)
+        grid = jnp.asarray(check_grid(grid))
         # The four lowest bits of a traced code are read.
         grid = grid & 15
         mate = grid if mate is None else check_array("mate", mate, grid.shape, jnp.int8) & 15

@@ -21,6 +21,7 @@ from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.records import one_number
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import bernoulli, mix, randint
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
 from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.sharding import divide_batches
@@ -188,7 +189,7 @@ def refit_strip(
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         bits = check_array("bits", bits, (_MOVE_BITS,), jnp.uint32)
         # The four lowest bits of a traced code are read.
-        grid = jnp.asarray(grid, jnp.int8) & 15
+        grid = jnp.asarray(check_grid(grid)) & 15
         height, width = grid.shape
         if min(height, width) < LINES:
             return Variation(grid, jnp.zeros(grid.shape, bool))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.network.bits import normal, random_bits
@@ -127,6 +127,8 @@ def qdax_moves(
     def vary(genotypes: Array, mates: Array, key: Key[Array, ""]) -> Array:
         _check_genotypes(problem, genotypes)
         _check_genotypes(problem, mates)
+        if len(mates) != len(genotypes):
+            raise InputError("mates", pluralize(len(genotypes), "grid"), len(mates))
         bits = random_bits(key, (len(genotypes), move.bits))
         return jax.vmap(move_and_repair)(bits, genotypes, mates)
 

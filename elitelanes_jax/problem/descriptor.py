@@ -113,7 +113,7 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
     Args:
       axes: the axes: for each axis ``NAME:BINS``, ``NAME:BINS:WIDTH``, a mapping of the fields of
         `Axis`, or an `Axis`; or for all axes one text with spaces between, or a mapping of names to
-        bins or to pairs of bins and width.
+        bins or to pairs of bins and width. A single `Axis` is one axis.
       features: the names of the user's features; None accepts any name.
 
     Raises:
@@ -122,6 +122,9 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
     """
     if isinstance(axes, str):
         axes = split_settings(axes)
+    # An axis is a tuple itself, whose fields are no axes.
+    if isinstance(axes, Axis):
+        axes = [axes]
     try:
         if isinstance(axes, Mapping):
             axes = [_axis_of(name, bins) for name, bins in axes.items()]

@@ -98,7 +98,15 @@ def check_fitness(
     features = jax.ShapeDtypeStruct((1, len(feature_names)), jnp.int32)
     usual = jax.ShapeDtypeStruct((1,), jnp.int32)
     apply = partial(apply_fitness, fitness, feature_names)
-    result = _trace_shapes("fitness", "it", apply, grids, features, usual)
+    try:
+        result = _trace_shapes("fitness", "it", apply, grids, features, usual)
+    except KeyError as error:
+        (name, *_) = error.args or ("",)
+        # Any other key is that of a mapping of the user's.
+        if name not in TOWN_FEATURES or name in feature_names:
+            raise
+        hint = f"weights={{{name!r}: 0}} measures it"
+        raise InputError("fitness", "features that are measured", repr(name), hint) from None
     is_scalar = getattr(result, "shape", None) == (1,)
     if not is_scalar or not jnp.issubdtype(result.dtype, jnp.number) or result.dtype.kind == "c":
         raise InputError("fitness", f"it {_RETURNS_SCALAR}", _described(result, batch=1))

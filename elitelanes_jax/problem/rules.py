@@ -50,7 +50,7 @@ _ALWAYS = (
     Constraint("dead_ends", 0, "with dead ends"),
     Constraint("boundary_violations", 0, "with roads that leave the grid"),
     Constraint("mismatches", 0, "with roads that do not meet"),
-    Constraint("off_alphabet", 0, "with tiles that the tile set lacks"),
+    Constraint("off_alphabet", 0, "with tiles that are not in the alphabet"),
 )
 
 

@@ -85,8 +85,8 @@ class Choice(NamedTuple):
             # The population becomes more alike with time.
             return "more seeds"
         most_frequent = max(self.rejected, key=lambda reason: self.rejected[reason], default="")
-        if most_frequent.endswith("the tile set lacks"):
-            return "a tile set with more kinds of tiles, more seeds or evaluations"
+        if most_frequent.endswith("in the alphabet"):
+            return "more codes in the alphabet or the tile set, more seeds or evaluations"
         if min(search.shape) < 4:
             return "larger maps, more seeds or evaluations"
         return "more seeds or evaluations"

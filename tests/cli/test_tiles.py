@@ -154,6 +154,6 @@ def test_a_set_without_a_kind_of_tiles_is_named_if_maps_are_too_few(folder, tmp_
     assert main(["generate", "--size", "5", "6", *few, "--out", str(out)]) == 1
     said = capsys.readouterr().err
     assert "found 0 of 1 map" in said
-    assert "with tiles that the tile set lacks); a tile set with more kinds of tiles, more seeds" in said
+    assert "with tiles that are not in the alphabet); more codes in the alphabet or the tile set, more seeds" in said
     assert len(said.splitlines()) == 1
     assert not out.exists()

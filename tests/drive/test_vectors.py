@@ -263,6 +263,19 @@ def test_the_program_of_the_page_runs_in_workers_of_pufferlib(tmp_path):
 
 
 @pytest.mark.usefixtures("any_types")
+def test_a_wrong_action_of_one_environment_has_no_axis_of_environments(libraries):
+    for environment, make_params, wrong, message in (
+        (RoadNav, RoadNavParams, [1], r"^action: expected a whole number, got int64 \[1\]"),
+        (RoadNav, RoadNavParams, None, r"^action: expected a whole number, got object \[\]"),
+        (LaneDrive, LaneDriveParams, 1.5, r"^action: expected numbers \[2\], got float64 \[\]"),
+    ):
+        alone = gymnasium_env(environment, make_params(LEVELS), libraries.gymnasium)
+        alone.reset(seed=0)
+        with pytest.raises(InputError, match=message):
+            alone.step(wrong)
+
+
+@pytest.mark.usefixtures("any_types")
 def test_a_curriculum_changes_levels(libraries):
     params, few = RoadNavParams(LEVELS, limit=6, window=3), jax.tree.map(lambda part: part[7:9], LEVELS)
     other = params.replace(levels=few)

@@ -211,7 +211,7 @@ FLAWS = {
     "dead_ends": "with dead ends",
     "boundary_violations": "with roads that leave the grid",
     "mismatches": "with roads that do not meet",
-    "off_alphabet": "with tiles that the tile set lacks",
+    "off_alphabet": "with tiles that are not in the alphabet",
     "empty_cells": "with empty cells",
 }
 
