@@ -93,8 +93,8 @@ def insert(
         niche; the last not under `jax.jit`.
     """
     archive, found = Population(*map(jnp.asarray, archive)), Population(*map(jnp.asarray, found))
-    niche = jnp.asarray(niche)
     _check_offer(archive, niche, found)
+    niche = jnp.asarray(niche)
     # Grids that are offered to K niches make K rounds, which contend together.
     rounds = niche.reshape(prod(niche.shape[:-1]), niche.shape[-1])
     niche, fitness = rounds.reshape(-1), finite_or_vacant(jnp.tile(found.fitness, len(rounds)))
@@ -135,8 +135,10 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
         raise InputError(
             "niche", f"{len(found.fitness)} indices, one for each grid", list(np.shape(niche))
         )
-    if niche.dtype.kind not in "iu":
-        raise InputError("niche", "whole numbers", niche.dtype)
+    # JAX would convert a number of 64 bits, so an array of JAX alone is taken as it is.
+    dtype = niche.dtype if isinstance(niche, jax.Array) else np.asarray(niche).dtype
+    if dtype.kind not in "iu":
+        raise InputError("niche", "whole numbers", dtype)
     if not isinstance(niche, jax.core.Tracer) and np.size(niche):
         lowest, highest, niches = np.min(niche), np.max(niche), archive.fitness.size
         if not 0 <= lowest <= highest < niches:
