@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk onnx interop cluster mujoco pack-town pack-paper pack-city pack-hard readers metadrive pufferdrive rl sb3 shards pcg ued ued-jaxued ued-tests ued-worst trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism gridlock driving-speed clean
+.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk onnx interop cluster mujoco readers metadrive pufferdrive rl sb3 shards pcg ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist certify perception photographs-lab realism gridlock clean study pack
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -99,7 +99,7 @@ sb3: .venv-sb3/.ready
 ued-tests: .venv-ued/.ready
 	.venv-ued/bin/python -m pytest -m 'slow or not slow' tests/experiments/test_ued.py
 
-# Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
+# Packs of maps for other programs, in results/packs; PACK='town city' makes some of them. Each goes on where
 # it ended. Hard ones have few loops and straights, where drivers fail slightly more often (experiments/navigation).
 PACK-town := --style town --size 9 9 --evaluations 50000
 PACK-paper := --style paper --size 12 12 --evaluations 50000
@@ -107,10 +107,9 @@ PACK-city := --style town --size 24 24 --evaluations 20000
 PACK-hard := --size 12 12 --where cyclomatic=1..14 straight_share=..0.6 --evaluations 100000
 PACKED := opendrive duckietown mujoco movingai
 
-pack-town: results/packs/town
-pack-paper: results/packs/paper
-pack-city: results/packs/city
-pack-hard: results/packs/hard
+PACK := town paper city hard
+
+pack: $(addprefix results/packs/,$(PACK))
 
 results/packs/%: $(PROGRAM)
 	test -d results/pack-maps/$* || $(BIN)/elitelanes generate $(PACK-$*) --maps 100 --seeds 8 --tile-px 16 \
@@ -286,26 +285,12 @@ dist: .venv-build/.ready
 	.venv-build/bin/python -m pip install --quiet --disable-pip-version-check build twine
 	touch $@
 
-benchmark: $(READY)
-	$(BIN)/python -m experiments.search.speed
-
-compare: $(READY)
-	$(BIN)/python -m experiments.paper.compare
-
-optimum: $(READY)
-	$(BIN)/python -m experiments.search.optimum
+# A study of experiments/, such as STUDY=perception.cutting: docs/make.md has their names.
+study: $(READY)
+	$(BIN)/python -m experiments.$(or $(STUDY),$(error expected STUDY=NAME, such as STUDY=perception.cutting))
 
 certify: $(READY)
 	$(BIN)/python -m experiments.search.certify --out results/certificates.json --table results/certificates.md
-
-segmentation: $(READY)
-	$(BIN)/python -m experiments.perception.segmentation
-
-cutting: $(READY)
-	$(BIN)/python -m experiments.perception.cutting
-
-photographs: $(READY)
-	$(BIN)/python -m experiments.perception.photographs
 
 # The commands of docs/perception.md.
 SEE := $(BIN)/python -m experiments.perception.gym_duckietown
@@ -338,9 +323,6 @@ onnx: .venv-onnx/.ready .venv-gym-duckietown/.ready
 photographs-lab: $(READY) .venv-gym-duckietown/.ready
 	$(SEE).lab $(LAB)
 
-detection: $(READY)
-	$(BIN)/python -m experiments.perception.detection
-
 realism: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[realism]'
 	$(BIN)/python -m experiments.realism.study
@@ -349,20 +331,13 @@ realism: $(READY)
 gridlock: .venv-sumo/.ready
 	.venv-sumo/bin/python -m experiments.gridlock.study
 
-navigation: $(READY)
-	$(BIN)/python -m experiments.navigation.study
-
-driving-speed: $(READY)
-	$(BIN)/python -m experiments.navigation.speed
-
 vector-speed: .venv-rl/.ready
 	.venv-rl/bin/python -m experiments.navigation.vector_speed
 
-ued: .venv-ued/.ready
-	.venv-ued/bin/python -m experiments.navigation.ued.study
+UED := study
 
-ued-worst: .venv-ued/.ready
-	.venv-ued/bin/python -m experiments.navigation.ued.worst
+ued: .venv-ued/.ready
+	.venv-ued/bin/python -m experiments.navigation.ued.$(UED)
 
 # JaxUED's own methods, of a commit that git clones, or of the checkout that JAXUED= names.
 JAXUED ?= .venv-ued/jaxued
