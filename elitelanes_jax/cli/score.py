@@ -79,7 +79,8 @@ def _score_dataset(options: argparse.Namespace) -> int:
     try:
         scores = score_predictions(options.archives[0], options.predictions, split=split)
     except InputError as error:
-        if error.subject in ("predictions", "split"):
+        # The subject may go on with the place in the file.
+        if error.subject.partition(":")[0] in ("predictions", "split"):
             error = error.replace(subject=f"--{error.subject}")
         raise error from None
     lines = (f"{name:16}{score:.3f}" for name, score in scores.items())
