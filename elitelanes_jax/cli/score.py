@@ -98,7 +98,7 @@ def _table(budgets: Sequence[int], scores: Mapping[str, NDArray[np.float64]]) ->
         for values in scores.values():
             # The precision of a run without filled niches is NaN.
             known = values[:, index][~np.isnan(values[:, index])]
-            low, high = confidence_interval(known)
+            low, high = confidence_interval(values[:, index])
             cells.append(f"{known.mean():.3f} [{low:.3f}, {high:.3f}]" if len(known) else "-")
         lines.append("".join(f"{cell:>22}" for cell in cells))
     return "\n".join(lines)
