@@ -424,7 +424,7 @@ def test_wrong_parts_of_a_dataset_are_one_line(tmp_path):
     for about, message in (
         (record | {"part": [1, 2]}, "expected each part once, got 1/2 again"),
         (record | {"part": [2, 3]}, "expected one of 2 parts, as "),
-        (record | {"versions": {"jax": "0.1"}}, "expected a part of a dataset with elitelanes_jax"),
+        (record | {"versions": {"jax": "0.1"}}, "expected a part of a dataset with versions elitelanes_jax"),
         (record | {"part": None}, "expected a part of a dataset, made by elitelanes dataset --part, got none"),
     ):
         (folders[1] / "dataset.json").write_text(json.dumps(about))

@@ -221,7 +221,7 @@ def test_a_function_is_known_by_what_it_computes(name, tmp_path):
         ({"state": state}, "got one of a run with another key, other options or functions"),
         (
             {"checkpoint": tmp_path / name},
-            "expected results with [a-z]+ '[0-9a-f]{16}', got results with '[0-9a-f]{16}'",
+            "expected results with functions [a-z]+ '[0-9a-f]{16}', got results with '[0-9a-f]{16}'",
         ),
     ):
         with pytest.raises(InputError, match=words):

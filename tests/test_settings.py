@@ -151,7 +151,7 @@ def test_a_search_is_the_same_whatever_is_set(name, tmp_path):
             search(checkpoint=tmp_path / "own")
     same(continued, search(3, **options))
     if options:
-        with pytest.raises(InputError, match="expected results with drawn"):
+        with pytest.raises(InputError, match="expected results with functions drawn"):
             search(checkpoint=tmp_path / "own")
 
 

@@ -266,6 +266,11 @@ WRONG = {
     "seed: expected a whole number, 0 to 4294967295, got -1": lambda: seed_keys(-1, 2),
     "what: map 0: grid: expected rows of tile codes, got 3": lambda: explore([3], "page.html"),
     "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
+    # JAX has made int32 of it by then.
+    "grids: expected int8 [P, 4, 4], got int64 [3, 4, 4]": lambda: evaluate(
+        road_problem((4, 4)), np.zeros((3, 4, 4), np.int64)
+    ),
+    "tile_px: expected a whole number, 16 to 512 pixels a tile, got 16.0": lambda: render(GRID, tile_px=16.0),
     "grids: expected int8 [P, 4, 4], got int32 [2, 2]": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
     "name: expected one of link, corner, outline, street, straight, clear, mirror, slide, transplant, displaced, "
     "refit, got 'streets'": lambda: make_move("streets"),
@@ -301,7 +306,7 @@ WRONG = {
     "params: expected numbers for all environments, got arrays, which only jax.vmap maps over": lambda: Batch(
         RoadNav, RoadNavParams(levels(), limit=np.array([3, 4])), 2, "Disabled"
     ),
-    "tile_px: expected 16 to 512 pixels a tile, got 8": lambda: make_sight(tile_px=8),
+    "tile_px: expected a whole number, 16 to 512 pixels a tile, got 8": lambda: make_sight(tile_px=8),
     "tiles: expected TileSet, got 'tiles'": lambda: make_sight("tiles"),
     "objects: expected ObjectSet, got {}": lambda: make_sight(objects={}),
     "objects: expected ObjectSet, got 'none'": lambda: make_scenes(GRID, objects="none", tile_px=16),

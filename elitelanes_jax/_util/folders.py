@@ -33,6 +33,9 @@ _KEPT = "kept"
 _FILES = "files"
 _REPLACED = "replaced"
 
+# Tables whose names say nothing about their entries. Options of a command are in them.
+_UNNAMED = ("settings", "search")
+
 # The most bytes of a name in common file systems.
 _LONGEST_NAME = 255
 
@@ -54,7 +57,7 @@ class Difference(NamedTuple):
     """The first difference between two tables.
 
     Attributes:
-      name: the name of the entry, in the innermost table.
+      name: the name of the entry, after the names of the tables that it is in.
       value: its value in the first table; None if the table has no such entry.
       other: its value in the second table, in the same way.
     """
@@ -231,9 +234,11 @@ def compare_settings(
     difference = first_difference(json.loads(json.dumps(settings)), earlier)
     if difference is None:
         return
-    expected = f"{difference.name} {shorten(repr(difference.value))}"
-    got = shorten(repr(difference.other))
-    raise InputError(folder, f"results with {expected}", f"results with {got}", hint)
+    if difference.name == "command":
+        got = f"that of {difference.other or 'another command'}"
+        raise InputError(folder, f"unfinished work of {difference.value}", got, hint)
+    value, got = shorten(repr(difference.value)), shorten(repr(difference.other))
+    raise InputError(folder, f"results with {difference.name} {value}", f"results with {got}", hint)
 
 
 def first_difference(table: Mapping[str, Plain], other: Mapping[str, Plain]) -> Difference | None:
@@ -245,8 +250,10 @@ def first_difference(table: Mapping[str, Plain], other: Mapping[str, Plain]) -> 
         value, other_value = table.get(name), other.get(name)
         if isinstance(value, Mapping) and isinstance(other_value, Mapping):
             within = first_difference(value, other_value)
-            if within is not None:
+            if within is not None and name in _UNNAMED:
                 return within
+            if within is not None:
+                return within._replace(name=f"{name} {within.name}")
         elif value != other_value:
             return Difference(name, value, other_value)
     return None

@@ -41,8 +41,8 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     """Computes the scores of archives on a task with F feasible niches.
 
     `best` is ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite,
-    or that of a vacant slot, if it is vacant. Raises `InputError` for another shape, NaN, or a
-    fitness below the proven optimum of its niche.
+    or that of a vacant slot, if it is vacant. Raises `InputError` for another shape, anything but
+    numbers, NaN, or a fitness below the proven optimum of its niche.
     """
     check_named("task", instance(Task), task)
     best = np.asarray(check_named("best", unmasked, best))
@@ -50,6 +50,8 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
         raise InputError(
             "best", f"shape [..., {len(task.optimum)}] for {task.name}", list(best.shape)
         )
+    if best.dtype.kind not in "iuf":
+        raise InputError("best", "numbers, infinite in vacant niches", best.dtype)
     if np.isnan(best).any():
         raise InputError("best", "numbers, infinite in vacant niches", "nan")
     # A better fitness than the proven one is a mistake in the archive or in the proof.
@@ -95,13 +97,14 @@ def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``.
 
     Equal values give equal limits. Runs with NaN are ignored. If all runs are NaN, both limits are
-    NaN. Raises `InputError` for another shape, and for anything but finite numbers and NaN.
+    NaN. Raises `InputError` for another shape, for no runs, and for anything but finite numbers and
+    NaN.
     """
     values = np.atleast_1d(np.asarray(check_named("values", unmasked, values)))
-    if values.dtype.kind not in "biuf" or np.isinf(values).any():
+    if values.dtype.kind not in "iuf" or np.isinf(values).any():
         raise InputError("values", "finite scores or NaN", shorten(repr(values)))
     values = values.astype(float)
-    if values.ndim != 1:
+    if values.ndim != 1 or not values.size:
         raise InputError(
             "values", "one score for each run, shape [R]", f"shape {list(values.shape)}"
         )

@@ -79,7 +79,8 @@ def _score_dataset(options: argparse.Namespace) -> int:
     try:
         scores = score_predictions(options.archives[0], options.predictions, split=split)
     except InputError as error:
-        if error.subject in ("predictions", "split"):
+        # The subject may go on with the place in the file.
+        if error.subject.partition(":")[0] in ("predictions", "split"):
             error = error.replace(subject=f"--{error.subject}")
         raise error from None
     lines = (f"{name:16}{score:.3f}" for name, score in scores.items())
@@ -97,7 +98,7 @@ def _table(budgets: Sequence[int], scores: Mapping[str, NDArray[np.float64]]) ->
         for values in scores.values():
             # The precision of a run without filled niches is NaN.
             known = values[:, index][~np.isnan(values[:, index])]
-            low, high = confidence_interval(known)
+            low, high = confidence_interval(values[:, index])
             cells.append(f"{known.mean():.3f} [{low:.3f}, {high:.3f}]" if len(known) else "-")
         lines.append("".join(f"{cell:>22}" for cell in cells))
     return "\n".join(lines)

@@ -180,9 +180,9 @@ def _of_maps(identity: dict[str, Plain]) -> dict[str, Plain]:
     """
     # Maps do not depend on objects, so the same maps serve other objects.
     settings = {name: value for name, value in identity["settings"].items() if name != "furnish"}
-    return {name: value for name, value in identity.items() if name != "object_set"} | {
-        "settings": settings
-    }
+    maps = {name: value for name, value in identity.items() if name != "object_set"}
+    # The command comes first, because it is the first difference from the work of another one.
+    return {"command": "dataset"} | maps | {"settings": settings}
 
 
 def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], force: bool) -> None:

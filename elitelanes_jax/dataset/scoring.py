@@ -1,24 +1,32 @@
 """Scores of a network's predictions on a dataset."""
 
 import json
-from collections.abc import Iterator
+import sys
+from collections.abc import Container, Iterator
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, one_of, path
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import check_named, is_real, one_of, path
+from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._layouts import LAYOUTS, RECORD, Layout
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABELS
+
+if TYPE_CHECKING:
+    from pycocotools.coco import COCO
+
+# The fields of an entry of COCO's results.
+_RESULT = ("image_id", "category_id", "bbox", "score")
 
 
 @name_wrong_arguments
@@ -40,7 +48,8 @@ def score_predictions(
 
     Raises:
       InputError: for a folder that is no such dataset, a missing or wrong prediction, or a package
-        that is not installed.
+        that is not installed. The message names the missing file, or the index and the field of a
+        wrong result.
     """
     folder = Path(check_named("dataset", path, dataset))
     predicted = Path(check_named("predictions", path, predictions))
@@ -84,7 +93,7 @@ def _score_labels(folder: Path, predictions: Path, layout: Layout, split: int) -
                 f"{list(expected.shape)} with labels 0 to {len(LABELS) - 1}",
                 f"{got}, {number:06d}.png",
             )
-        pairs = expected.astype(np.int64) * len(LABELS) + predicted
+        pairs = expected * len(LABELS) + predicted
         counts += np.bincount(pairs.ravel(), minlength=counts.size).reshape(counts.shape)
     both, either = counts.diagonal(), counts.sum(axis=0) + counts.sum(axis=1) - counts.diagonal()
     # A class without pixels has no score.
@@ -98,16 +107,17 @@ def _numbers(folder: Path, layout: Layout, split: int) -> Iterator[int]:
             yield json.loads(line)["number"]
 
 
-def _read_labels(file: Path) -> NDArray[np.uint8]:
+def _read_labels(file: Path) -> NDArray[np.int64]:
     if not file.is_file():
         raise InputError(
-            "predictions", f"a label map for each picture, such as {file.name}", "none"
+            "predictions", "a label map for each picture of the split", f"no {file.name}"
         )
     labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.ndim != 2:
         got = "another file" if labels is None else "a picture in colours"
         raise InputError("predictions", "a grey PNG file of labels", f"{got}, {file.name}")
-    return np.asarray(labels, np.uint8)
+    # A file of 16 bits is not cut to 8, because that would make label 256 the background.
+    return labels.astype(np.int64)
 
 
 def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) -> dict[str, float]:
@@ -123,28 +133,64 @@ def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) ->
     from pycocotools.coco import COCO
     from pycocotools.cocoeval import COCOeval
 
-    try:
-        # The package prints what it does.
-        with redirect_stdout(StringIO()):
-            expected = COCO(str(file))
-            judge = COCOeval(expected, expected.loadRes(_read_results(predictions)), "bbox")
-            judge.evaluate()
-            judge.accumulate()
-            judge.summarize()
-    except (AssertionError, KeyError, IndexError, TypeError):
-        raise InputError(
-            "predictions",
-            (
-                "results in COCO's format, with image_id, category_id, bbox and score, of "
-                "pictures of the split"
-            ),
-            predictions,
-        ) from None
+    # The package prints what it does.
+    with redirect_stdout(StringIO()):
+        expected = COCO(str(file))
+        found = COCO()
+        found.dataset = expected.dataset | {
+            "annotations": check_named("predictions", _read_results, predictions, expected)
+        }
+        # The method `loadRes` refuses an empty list, which is the result of a network that finds
+        # nothing.
+        found.createIndex()
+        judge = COCOeval(expected, found, "bbox")
+        judge.evaluate()
+        judge.accumulate()
+        judge.summarize()
     return dict(zip(("AP", "AP50", "AP75"), map(float, judge.stats[:3]), strict=True))
 
 
-def _read_results(file: Path) -> UserValue:
+def _read_results(file: Path, expected: "COCO") -> list[Plain]:
+    """Reads COCO's results for the pictures and the classes of a split, as annotations."""
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise InputError("predictions", "a folder, or a file of COCO's results", file) from None
+        results = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        raise InputError("", "a folder, or a file of COCO's results", file) from None
+    if not isinstance(results, list):
+        raise InputError("", "a list of COCO's results", brief(results, 40))
+    pictures, classes = set(expected.getImgIds()), set(expected.getCatIds())
+    return [
+        check_named(f"entry {index}", _check_result, result, pictures, classes)
+        | {"id": index + 1, "iscrowd": 0}
+        for index, result in enumerate(results)
+    ]
+
+
+def _check_result(
+    result: UserValue, pictures: Container[int], classes: Container[int]
+) -> dict[str, Plain]:
+    """Returns an entry of COCO's results, with the area of its box."""
+    expected = f"a table with {', '.join(_RESULT)}"
+    if not isinstance(result, dict):
+        raise InputError("", expected, brief(result, 40))
+    for name in _RESULT:
+        if name not in result:
+            raise InputError("", expected, f"one without {name}")
+    image, kind, box, score = (result[name] for name in _RESULT)
+    if not is_real(image) or image not in pictures:
+        raise InputError("image_id", "the id of a picture of the split", brief(image, 40))
+    if not is_real(kind) or kind not in classes:
+        raise InputError("category_id", "the id of a class of the dataset", brief(kind, 40))
+    if not isinstance(box, list) or len(box) != 4 or not all(map(_is_finite, box)):
+        raise InputError("bbox", "x, y, width and height", brief(box))
+    if min(box[2:]) < 0:
+        raise InputError("bbox", "a width and a height of 0 or more", brief(box))
+    if not _is_finite(score):
+        raise InputError("score", "a finite number", brief(score, 40))
+    x, y, width, height = map(float, box)
+    values = image, kind, [x, y, width, height], float(score)
+    return dict(zip(_RESULT, values, strict=True)) | {"area": width * height}
+
+
+def _is_finite(value: UserValue) -> bool:
+    return is_real(value) and abs(value) <= sys.float_info.max

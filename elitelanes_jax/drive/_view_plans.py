@@ -18,7 +18,7 @@ from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
 from elitelanes_jax.drive._objects import Objects, stands_on
 from elitelanes_jax.drive._scenes import Blend, SceneMap, Scenes
 from elitelanes_jax.drive._variation import LOOK_NUMBERS, Look, draw_look
-from elitelanes_jax.drive.camera_options import Camera, Variation
+from elitelanes_jax.drive.camera_options import STEEPEST, WIDEST, Camera, Variation
 from elitelanes_jax.drive.lanes import (
     Pose,
     lane_curvature,
@@ -41,9 +41,6 @@ _NUMBERS = 9
 # the lanes of a 5 x 5 town, a pose touches an object in one of seven cases. So all 64 poses fail
 # only if objects fill the lanes.
 _TRIES = 64
-# The largest pitch and field of view in degrees after a wobble. A camera looks straight down at 90,
-# and straight up at -90. At 180, the picture would have no focal length.
-_STEEPEST, _WIDEST = 90, 175
 
 
 class Plan(NamedTuple):
@@ -140,8 +137,8 @@ def _plan_view(
     lower, tilt, wide = (1 + (2 * wobble - 1) * variation.wobble for wobble in wobbles)
     camera = camera.replace(
         height=camera.height * lower,
-        pitch=jnp.clip(camera.pitch * tilt, -_STEEPEST, _STEEPEST),
-        field_of_view=jnp.minimum(camera.field_of_view * wide, _WIDEST),
+        pitch=jnp.clip(camera.pitch * tilt, -STEEPEST, STEEPEST),
+        field_of_view=jnp.minimum(camera.field_of_view * wide, WIDEST),
     )
     stretch = None
     if variation.lines is not None:

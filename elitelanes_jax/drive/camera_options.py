@@ -4,12 +4,20 @@ These records need no JAX. `elitelanes_jax.drive._camera` registers them as pytr
 """
 
 from dataclasses import dataclass
+from math import atan, degrees, radians, tan
 
 from elitelanes_jax._util.checks import none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, number_or_array, static, traced
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax._util.words import parse_words
+
+STEEPEST, WIDEST = 90, 175
+"""The largest pitch and field of view in degrees after a wobble.
+
+A camera looks straight down at 90, and straight up at -90. At 180, the picture would have no focal
+length.
+"""
 
 _check_colour = real(0, 255)
 _check_distortion = real(-10, 10)
@@ -169,10 +177,23 @@ def parse_camera(value: UserValue) -> LaneCamera:
     """Reads a camera from words such as ``["rows=120", "columns=160"]``.
 
     Also takes a mapping of fields, or a `LaneCamera`. No field is an array, because a dataset has
-    one camera. Raises `InputError`.
+    one camera. Raises `InputError`, also for a camera that never sees the ground.
     """
     camera = parse_words("camera", LaneCamera(), value, "setting", "'rows=120'", names=_WORDS)
     for name, setting in camera.values().items():
         if hasattr(setting, "dtype"):
             raise InputError(name, "a number", shorten(repr(setting)))
+    if not _sees_ground(camera):
+        got = f"{camera.pitch:g} with a field of view of {camera.field_of_view:g}"
+        raise InputError("pitch", "a view that reaches below the horizon", got)
     return camera
+
+
+def _sees_ground(camera: LaneCamera) -> bool:
+    """Returns whether the lower edge of a picture may be below the horizon, after any wobble."""
+    pitch = max(camera.pitch * (1 - camera.wobble), camera.pitch * (1 + camera.wobble))
+    below_axis = min(camera.field_of_view * (1 + camera.wobble), WIDEST) / 2
+    if camera.distortion is not None:
+        # A lens moves a ray outwards by a factor of at most 9 / 4, see `_camera._undistort`.
+        below_axis = degrees(atan(9 / 4 * tan(radians(below_axis))))
+    return pitch + below_axis > 0

@@ -4,6 +4,7 @@ import runpy
 import sys
 from collections.abc import Callable
 from functools import partial
+from inspect import iscoroutine
 from operator import itemgetter
 from pathlib import Path
 from traceback import extract_tb
@@ -230,15 +231,20 @@ def _go(
 
 def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float32]:
     try:
-        action = np.asarray(policy(observation), np.float32)
+        answer = policy(observation)
+        # NumPy makes no number of a coroutine, which is refused below.
+        action = np.zeros(0) if iscoroutine(answer) else np.asarray(answer, np.float32)
     except (Exception, SystemExit) as error:
         # The error names the line of the driver's file that failed.
         file = getattr(getattr(policy, "__code__", None), "co_filename", "")
         raise InputError("policy", "an action", _describe(error, file)) from error
+    expected = "two numbers, for both wheels or for speed and turn"
+    if iscoroutine(answer):
+        # Python warns of a coroutine that is neither awaited nor closed.
+        answer.close()
+        raise InputError("policy", expected, "a coroutine", "define the function without async")
     if action.shape != (2,):
-        raise InputError(
-            "policy", "two numbers, for both wheels or for speed and turn", f"shape {action.shape}"
-        )
+        raise InputError("policy", expected, f"shape {action.shape}")
     if not np.isfinite(action).all():
         raise InputError("policy", "two finite numbers", f"{action[0]:g} and {action[1]:g}")
     return action

@@ -22,6 +22,7 @@ from elitelanes_jax.explorer._shown import (
 )
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
+from elitelanes_jax.tiles.rendering import plan_choice
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 if TYPE_CHECKING:
@@ -48,7 +49,8 @@ def collect(
 
     Raises:
       InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of
-        another kind, and for a bad tile set. The message names the file.
+        another kind, for a bad tile set, and for `tiles` that cannot draw a chosen map. The message
+        names the file.
     """
     check_named("tile_px", TILE_PX, tile_px)
     sources = _list_sources(what)
@@ -56,15 +58,14 @@ def collect(
         runs = _collect_named(sources)
         # The page of a single run has the run's name as its title.
         heading = runs[0].name if len(runs) == 1 else ""
-        return make_payload(runs, _load_tiles(tiles), tile_px, heading)
+        return make_payload(runs, _load_tiles(tiles, runs), tile_px, heading)
     if all(isinstance(source, str | Path) for source in sources):
         return _collect_files(check_named("what", paths, sources), tiles, tile_px)
     # A list has no names, by which the page tells several results apart.
     if any(map(_is_result, sources)):
         raise InputError("what", "one Result, or several by name", "a list of them")
-    return make_payload(
-        of_maps(check_named("what", as_maps, sources), ""), _load_tiles(tiles), tile_px, ""
-    )
+    runs = of_maps(check_named("what", as_maps, sources), "")
+    return make_payload(runs, _load_tiles(tiles, runs), tile_px, "")
 
 
 def _list_sources(what: UserValue) -> Mapping[str, UserValue] | list[UserValue]:
@@ -129,10 +130,18 @@ def _collect_files(
             maps += _named_maps(source)
     if tiles is None and recorded_tiles is None:
         _announce_lost_tiles(runs)
-    tile_set = _load_tiles(recorded_tiles if tiles is None else tiles)
     heading = runs[0].name if len(runs) == 1 and not maps else ""
     # The folder of a run may have the name of a group of maps, such as "maps".
     runs += by_size(maps)
+    if tiles is None and recorded_tiles is not None:
+        tile_set = load_tiles(recorded_tiles)
+        # Nobody asked for this set, and other runs may have maps of other tiles.
+        try:
+            _check_drawable(runs, tile_set)
+        except InputError as error:
+            announce(f"{error}; cells without a picture stay empty; see --tiles")
+    else:
+        tile_set = _load_tiles(tiles, runs)
     return make_payload(_with_distinct_names(runs), tile_set, tile_px, heading)
 
 
@@ -159,10 +168,23 @@ def _announce_lost_tiles(runs: Sequence[ShownRun]) -> None:
             return
 
 
-def _load_tiles(tiles: str | Path | TileSet | None) -> TileSet:
-    if isinstance(tiles, TileSet):
-        return tiles
-    return load_tiles(tiles)
+def _load_tiles(tiles: str | Path | TileSet | None, runs: Sequence[ShownRun]) -> TileSet:
+    """Loads the tile set that the page shows, and checks that it draws the maps of the runs."""
+    tile_set = tiles if isinstance(tiles, TileSet) else load_tiles(tiles)
+    _check_drawable(runs, tile_set)
+    return tile_set
+
+
+def _check_drawable(runs: Sequence[ShownRun], tile_set: TileSet) -> None:
+    """Checks that a tile set has a picture for each cell of the chosen maps.
+
+    Other elites may have any codes, because a search also keeps invalid maps.
+    """
+    for run in runs:
+        for _, name, road_map in run.maps:
+            # The chosen maps of a run are in its folder.
+            source = f"{run.name}/maps/{name}" if run.record else name
+            check_named(source, plan_choice, road_map.codes, tile_set)
 
 
 def _run_folders(folder: Path) -> list[Path]:

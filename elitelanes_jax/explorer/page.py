@@ -46,8 +46,8 @@ def explore(
 
     Raises:
       InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of
-        another kind, and for a bad tile set; for a page that exists, unless `force` is given, or
-        another file; or for the suffix of another format.
+        another kind, for a bad tile set, and for `tiles` that cannot draw a chosen map; for a page
+        that exists, unless `force` is given, or another file; or for the suffix of another format.
       OSError: if it cannot be written.
     """
     out = Path(check_named("out", file_named(".html"), out))
@@ -114,4 +114,6 @@ def _check_out(out: Path, force: bool) -> None:
     # Another file of the user is never replaced, even with `force`.
     if not ours or not force:
         hint = "force=True replaces it" if ours else ""
+        if force:
+            hint = "force=True replaces only pages of explore"
         raise InputError(out, "a new file", "an existing one", hint)

@@ -28,6 +28,8 @@ def check_array(
     Raises:
       InputError: for another shape or dtype.
     """
+    # JAX makes 32 bits of 64, so the dtype in the message is read before.
+    given_dtype = getattr(array, "dtype", None)
     array = jnp.asarray(array)
     is_shape = array.ndim == len(shape) and all(
         isinstance(expected, str) or expected == length
@@ -36,7 +38,7 @@ def check_array(
     if not is_shape or array.dtype not in [jnp.dtype(dtype) for dtype in dtypes]:
         kinds = " or ".join(str(jnp.dtype(dtype)) for dtype in dtypes)
         expected = f"{kinds} [{', '.join(map(str, shape))}]"
-        raise InputError(name, expected, f"{array.dtype} {list(array.shape)}")
+        raise InputError(name, expected, f"{given_dtype or array.dtype} {list(array.shape)}")
     return array
 
 

@@ -1,6 +1,8 @@
 """Photographed floors: what a user says of each, what is found in it, and the set that is cut."""
 
 from collections.abc import Sequence
+from contextlib import suppress
+from hashlib import file_digest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -101,7 +103,11 @@ def cut_floors(floors: Sequence[Floor], lens: Lens | None) -> CutFloors:
     """Cuts tiles out of the photographs in which they are found.
 
     Only one photograph is in memory at a time.
+
+    Raises:
+      InputError: if a floor is given twice, because the set would have all its tiles twice.
     """
+    _check_distinct(floors)
     result = CutFloors([], [], [], [], [])
     for floor in floors:
         try:
@@ -120,6 +126,25 @@ def cut_floors(floors: Sequence[Floor], lens: Lens | None) -> CutFloors:
         result.used.append((floor.file, found_floor.proposal))
         result.cuts.extend(cut_tiles(found_floor.photograph, found_floor.proposal, result.cuts))
     return result
+
+
+def _check_distinct(floors: Sequence[Floor]) -> None:
+    """Checks that no floor is given twice, also in a copy of a photograph.
+
+    One photograph may show several floors, each with corners of its own.
+    """
+    files: dict[tuple[str, bytes], Path] = {}
+    for floor in floors:
+        # A pipe can be read only once.
+        if not floor.file.is_file():
+            continue
+        with suppress(OSError), floor.file.open("rb") as stream:
+            digest = file_digest(stream, "sha256").hexdigest()
+            corners = b"" if floor.corners is None else floor.corners.tobytes()
+            if (digest, corners) in files:
+                got = f"{files[digest, corners]} again"
+                raise InputError(floor.file, "each photograph once", got)
+            files[digest, corners] = floor.file
 
 
 def write_set(out: Path, floors: CutFloors) -> Path | None:

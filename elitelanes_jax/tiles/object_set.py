@@ -349,18 +349,15 @@ def _load_pictures(folder: Path) -> ObjectPictures:
 def _view_files(folder: Path) -> dict[int, Path]:
     """Returns the files of views, by degrees.
 
-    A number in another form is an error, because it would name a view twice, or none.
+    Any other name is an error, because the view would never be drawn, or be drawn for two numbers.
     """
     views = {0: folder / "image.png"} if (folder / "image.png").is_file() else {}
-    for file in sorted(folder.glob("image_*.png")):
-        number = file.stem.removeprefix("image_")
-        # Names without a number, such as image_old.png, are no views.
-        if not re.match(r"[-+.]?[0-9]", number):
-            continue
-        if not re.fullmatch(r"[1-9][0-9]{0,2}", number) or int(number) > 359:
+    for file in sorted(folder.glob("image?*.png")):
+        number = re.fullmatch(r"image_([1-9][0-9]{0,2})", file.stem)
+        if number is None or int(number[1]) > 359:
             expected = "views image_1.png to image_359.png"
             raise InputError(folder, expected, file.name)
-        views[int(number)] = file
+        views[int(number[1])] = file
     return views
 
 

@@ -266,7 +266,9 @@ def check_tile_px(tile_px: UserValue) -> int:
     """Checks the side of a tile in pixels, 16 to 512."""
     if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
         raise InputError(
-            "tile_px", f"{_SMALLEST} to {_LARGEST} pixels a tile", shorten(repr(tile_px))
+            "tile_px",
+            f"a whole number, {_SMALLEST} to {_LARGEST} pixels a tile",
+            shorten(repr(tile_px)),
         )
     return int(tile_px)
 

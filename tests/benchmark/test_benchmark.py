@@ -203,6 +203,8 @@ def test_intervals_cover_the_mean_and_leave_out_what_is_no_number():
     with pytest.raises(InputError, match=r"^values: expected one score for each run, shape \[R\], got shape \[3, 2\]$"):
         confidence_interval(np.ones((3, 2)))
     assert np.isnan(confidence_interval(np.array([np.nan]))).all()
+    with pytest.raises(InputError, match=r"^values: expected one score for each run, shape \[R\], got shape \[0\]$"):
+        confidence_interval([])
 
 
 def test_the_table_of_scores_leaves_out_what_is_no_number():
@@ -513,10 +515,16 @@ def test_masked_numbers_are_refused():
         run_task(TASK, lambda task, rng: iter_once(masked(task.witnesses)), 1)
 
 
-@pytest.mark.parametrize("values", [None, [0.5, None], [0.5, np.inf], [-np.inf], "0.5"])
+@pytest.mark.parametrize("values", [None, [0.5, None], [0.5, np.inf], [-np.inf], "0.5", [True, False]])
 def test_a_score_is_a_finite_number_or_nan(any_types, values):
     with pytest.raises(InputError, match="^values: expected "):
         confidence_interval(values)
+
+
+@pytest.mark.parametrize("kind", [bool, object, str, complex])
+def test_a_fitness_is_a_number(kind):
+    with pytest.raises(InputError, match="^best: expected numbers, infinite in vacant niches, got "):
+        compute_scores(TASK, np.zeros((1, len(TASK.optimum)), kind))
 
 
 def test_operators_make_no_more_grids_than_a_run_may_evaluate():

@@ -95,7 +95,10 @@ WRONG = {
     "one is not done": (unfinished, "got unfinished work; the same command completes it"),
     "one is of other settings": ({"seed": 7}, "part-2: expected a part of a run with seed 0, got 7"),
     "one has another search": ({"generations": 7}, "part-2: expected a part of a run with generations 5, got 7"),
-    "one is of other versions": ({"versions": {"jax": "0.1"}}, "part-2: expected a part of a run with elitelanes_jax"),
+    "one is of other versions": (
+        {"versions": {"jax": "0.1"}},
+        "part-2: expected a part of a run with versions elitelanes_jax",
+    ),
     "one is of more parts": ({"part": [2, 3]}, "part-2: expected one of 2 parts, as "),
     "one comes twice": ({"part": [1, 2]}, "part-2: expected each part once, got 1/2 again, after "),
     "one is cut off": (cut, "archive.npz: expected NumPy's .npz, got a file that cannot be read as such"),

@@ -19,6 +19,7 @@ from given_maps import random_maps, small
 from jax.random import key_data
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
+from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset._card import sample_sheet
 from elitelanes_jax.dataset._layouts import write_sample
@@ -427,7 +428,9 @@ def test_pictures_with_other_objects_are_not_resumed(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             make_dataset(furnished("duckies=1"), out)
         patch.setattr("elitelanes_jax.dataset._plan.evolve_search", interrupt)
-        with pytest.raises(InputError, match=r"out: expected results with duckies 2.*, got .* 1.*; use force=True to"):
+        with pytest.raises(
+            InputError, match=r"out: expected results with furnish duckies 2.*, got .* 1.*; use force=True to"
+        ):
             make_dataset(furnished("duckies=2"), out)
         with pytest.raises(InputError, match=r"out: expected results with furnish None, got .*; use force=True"):
             make_dataset(furnished(None), out)
@@ -442,6 +445,9 @@ def test_pictures_of_unknown_objects_are_drawn_anew(tmp_path, monkeypatch):
         patch.setattr("elitelanes_jax.dataset._finishing.write_card", interrupt)
         with pytest.raises(KeyboardInterrupt):
             make_dataset(furnished(None), out)
+    words = "out: expected unfinished work of render, got that of dataset; "
+    with pytest.raises(InputError, match=words), output_folder(out, {"command": "render"}):
+        pass
     (objects,) = tmp_path.glob("*/*/pictures.json")
     objects.unlink()
     make_dataset(furnished("duckies=1"), out)

@@ -21,8 +21,9 @@ from elitelanes_jax.dataset._sampling import draw_sample, make_drawer
 from elitelanes_jax.dataset._transforms import VARIED, Transforms
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.drive._camera import rays_of
 from elitelanes_jax.drive._objects import make_objects, touches
-from elitelanes_jax.drive.camera_options import LaneCamera
+from elitelanes_jax.drive.camera_options import LaneCamera, parse_camera
 from elitelanes_jax.drive.lanes import Pose, lane_curvature, lane_errors, lane_pose
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
@@ -313,6 +314,38 @@ def test_a_map_has_at_most_as_many_objects_as_masks_can_number(monkeypatch):
 def test_a_camera_may_not_be_an_array():
     with pytest.raises(InputError, match=r"^camera: pitch: expected a number, got array"):
         DatasetSpec(camera={"pitch": np.array([3.0])})
+
+
+def test_a_camera_that_never_sees_the_ground_is_refused():
+    """A dataset had the sky alone."""
+    drawn = np.random.default_rng(0)
+    refused = 0
+    for _ in range(40):
+        is_bent = drawn.uniform() < 0.5
+        options = {
+            "rows": 64,
+            "columns": 96,
+            "pitch": drawn.uniform(-90, -10),
+            "field_of_view": drawn.uniform(20, 120),
+            "distortion": (*drawn.uniform(-0.3, 0.1, 2),) if is_bent else None,
+            "wobble": 0,
+        }
+        camera = LaneCamera(**options)
+        falls = bool((rays_of(camera, samples=2).fall > 0).any())
+        try:
+            parse_camera(options)
+        except InputError:
+            assert not falls
+            refused += 1
+        else:
+            # The limit for lenses is not exact, and the last ray is within the lowest row.
+            assert falls or is_bent or camera.pitch + camera.field_of_view / 2 < 1
+    assert 5 < refused < 35
+    # A wobble of a tenth turns the camera up to 4 degrees, and widens its view by 4 degrees on each side.
+    level = {"pitch": -40, "field_of_view": 75}
+    with pytest.raises(InputError, match=r"^camera: pitch: expected a view .*, got -40 with a field of view of 75$"):
+        DatasetSpec(camera=level | {"wobble": 0.01})
+    assert DatasetSpec(camera=level | {"wobble": 0.1})
 
 
 def test_the_index_of_a_sample_is_a_number(drawn_tiles):

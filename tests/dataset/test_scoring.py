@@ -1,6 +1,7 @@
 """Scores of predictions: against counts by hand and pycocotools' own, and what is refused."""
 
 import json
+import shutil
 
 import cv2
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from given_maps import small
 
 from elitelanes_jax import InputError
+from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import score_predictions
 from elitelanes_jax.dataset.make import make_dataset
 
@@ -53,6 +55,8 @@ def test_the_overlap_of_each_class_is_that_of_counted_pixels(dataset, tmp_path):
     [
         (lambda labels: labels[1:], r"predictions: expected \[.*\] with labels 0 to 3, got \[.*, 0000..\.png"),
         (lambda labels: labels + 4, "predictions: expected .* with labels 0 to 3, got .* with labels to "),
+        # In 8 bits, label 256 would be label 0.
+        (lambda labels: labels.astype(np.uint16) + 256, "predictions: expected .* 0 to 3, got .* with labels to 25"),
         (
             lambda labels: np.dstack([labels] * 3),
             "predictions: expected a grey PNG file of labels, got a picture in colours",
@@ -68,9 +72,16 @@ def test_wrong_labels_are_named(change, message, dataset, tmp_path):
 def test_wrong_folders_are_named(dataset, tmp_path):
     with pytest.raises(InputError, match=f"^{tmp_path}: expected a folder of elitelanes dataset, got another one$"):
         score_predictions(tmp_path, tmp_path)
-    with pytest.raises(InputError, match=r"^predictions: expected a label map .*, such as 0000..\.png, got none$"):
+    missing = r"^predictions: expected a label map for each picture of the split, got no {}$"
+    labels = sorted((dataset / "test" / "labels").glob("*.png"))
+    with pytest.raises(InputError, match=missing.format(labels[0].name)):
         score_predictions(dataset, tmp_path)
-    for file in (dataset / "test" / "labels").glob("*.png"):
+    for file in labels:
+        shutil.copy(file, tmp_path)
+    (tmp_path / labels[-1].name).unlink()
+    with pytest.raises(InputError, match=missing.format(labels[-1].name)):
+        score_predictions(dataset, tmp_path)
+    for file in labels:
         (tmp_path / file.name).write_text("no picture")
     with pytest.raises(InputError, match=r"^predictions: expected a grey PNG file .*, got another file, 0000..\.png$"):
         score_predictions(dataset, tmp_path)
@@ -88,21 +99,73 @@ def test_wrong_folders_are_named(dataset, tmp_path):
         score_predictions(tmp_path / "tar", tmp_path)
 
 
-@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
-def test_boxes_are_scored_as_coco_does(tmp_path, capsys):
+@pytest.fixture(scope="module")
+def detections(tmp_path_factory):
+    """A dataset with objects, and results of a network that finds them all."""
     pytest.importorskip("pycocotools")
-    make_dataset(small(tile_px=64, format="coco", furnish="lane_duckies=4"), tmp_path / "out")
-    table = json.loads((tmp_path / "out" / "annotations" / "objects_test.json").read_text())
+    out = tmp_path_factory.mktemp("detections") / "out"
+    make_dataset(small(tile_px=64, format="coco", furnish="lane_duckies=4"), out)
+    table = json.loads((out / "annotations" / "objects_test.json").read_text())
     results = [
         {"image_id": one["image_id"], "category_id": one["category_id"], "bbox": one["bbox"], "score": 0.9}
         for one in table["annotations"]
     ]
+    return out, results
+
+
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
+def test_boxes_are_scored_as_coco_does(detections, tmp_path, capsys):
+    out, results = detections
     file = tmp_path / "results.json"
     file.write_text(json.dumps(results))
-    assert score_predictions(tmp_path / "out", file) == {"AP": 1, "AP50": 1, "AP75": 1}
-    file.write_text(json.dumps(results[: len(results) // 2]))
-    assert 0 < score_predictions(tmp_path / "out", file)["AP50"] < 1
+    assert score_predictions(out, file) == {"AP": 1, "AP50": 1, "AP75": 1}
+    file.write_text(json.dumps([one | {"segmentation": [], "caption": ""} for one in results[: len(results) // 2]]))
+    assert 0 < score_predictions(out, file)["AP50"] < 1
+    # A network that finds nothing.
+    file.write_text("[]")
+    assert score_predictions(out, file) == {"AP": 0, "AP50": 0, "AP75": 0}
     assert not capsys.readouterr().out
-    file.write_text(json.dumps([{"image_id": 10**6, "category_id": 1, "bbox": [0, 0, 1, 1], "score": 1}]))
-    with pytest.raises(InputError, match="^predictions: expected results in COCO's format"):
-        score_predictions(tmp_path / "out", file)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"score": float("nan")}, "score: expected a finite number, got nan"),
+        ({"score": "0.9"}, "score: expected a finite number, got '0.9'"),
+        ({"category_id": 1001}, "category_id: expected the id of a class of the dataset, got 1001"),
+        ({"category_id": 1.5}, "category_id: expected the id of a class of the dataset, got 1.5"),
+        ({"category_id": [1]}, r"category_id: expected the id of a class of the dataset, got \[1\]"),
+        ({"image_id": 10**6}, "image_id: expected the id of a picture of the split, got 1000000"),
+        ({"image_id": True}, "image_id: expected the id of a picture of the split, got True"),
+        ({"bbox": [0, 0, -1, 1]}, r"bbox: expected a width and a height of 0 or more, got \[0, 0, -1, 1\]"),
+        ({"bbox": [0, 0]}, r"bbox: expected x, y, width and height, got \[0, 0\]"),
+        ({"bbox": [0, 0, 1, float("inf")]}, r"bbox: expected x, y, width and height, got \[0, 0, 1, inf\]"),
+        ({"bbox": None}, "bbox: expected x, y, width and height, got None"),
+    ],
+)
+def test_a_wrong_result_is_named_by_its_entry_and_field(change, message, detections, tmp_path):
+    out, results = detections
+    (tmp_path / "results.json").write_text(json.dumps([results[0], results[1] | change]))
+    with pytest.raises(InputError, match=f"^predictions: entry 1: {message}$"):
+        score_predictions(out, tmp_path / "results.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[1, 2]", "entry 0: expected a table with image_id, category_id, bbox, score, got 1"),
+        ('[{"image_id": 1}]', "entry 0: expected a table with .*, got one without category_id"),
+        ('{"annotations": []}', "expected a list of COCO's results, got {'annotations': \\[\\]}"),
+        ("[" * 10**5, "expected a folder, or a file of COCO's results, got .*results.json"),
+    ],
+)
+def test_other_json_is_no_list_of_results(text, message, detections, tmp_path):
+    (tmp_path / "results.json").write_text(text)
+    with pytest.raises(InputError, match=f"^predictions: {message}$"):
+        score_predictions(detections[0], tmp_path / "results.json")
+
+
+def test_the_command_names_its_option(detections, tmp_path, capsys):
+    (tmp_path / "results.json").write_text("[1]")
+    assert main(["score", str(detections[0]), "--predictions", str(tmp_path / "results.json")]) == 2
+    assert capsys.readouterr().err.startswith("elitelanes: --predictions: entry 0: expected a table with ")

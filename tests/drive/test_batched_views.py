@@ -383,7 +383,7 @@ def test_scenes_are_made_where_transfers_are_forbidden():
     [
         ([], {}, "maps: expected one or more, got none"),
         ([[[6, 3], [12, 9]], [[0, 0], [0, 0]]], {}, r"maps\[1\]: expected a map with a lane, got .*"),
-        ([[[6, 3], [12, 9]]], {"tile_px": 8}, "tile_px: expected 16 to 512 pixels a tile, got 8"),
+        ([[[6, 3], [12, 9]]], {"tile_px": 8}, "tile_px: expected a whole number, 16 to 512 pixels a tile, got 8"),
         ([[[6, 3], [12, 9]]], {"tiles": "folder"}, "tiles: expected TileSet, got 'folder'"),
     ],
 )

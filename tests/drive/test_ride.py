@@ -246,6 +246,10 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
             "def act(seen): return 1",
             "policy: expected two numbers, for both wheels or for speed and turn, got shape ()",
         ),
+        (
+            "async def act(seen): return 0, 0",
+            "turn, got a coroutine; define the function without async\n",
+        ),
         ("def act(seen): return 0.5, float('nan')", "policy: expected two finite numbers, got 0.5 and nan"),
         ("def act(seen): return 0, 0\nact.camera = 3", "--policy: expected Camera, got 3"),
     ):

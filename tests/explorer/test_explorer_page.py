@@ -18,7 +18,7 @@ from explored import big_result, own_result, write_run
 
 from elitelanes_jax import InputError, Result, RoadMap, evolve, load_tiles, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer import explore, page
+from elitelanes_jax.explorer import _collect, explore, page
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import map_to_json
@@ -184,6 +184,7 @@ def test_a_page_is_replaced_only_by_force_and_other_files_never(tmp_path, capsys
     assert main([*line, "--force"]) == 0
     (tmp_path / "page.html").write_text("<!doctype html>\nmine")
     assert main([*line, "--force"]) == 2
+    assert "got an existing one; --force replaces only pages of explore\n" in capsys.readouterr().err
     assert (tmp_path / "page.html").read_text() == "<!doctype html>\nmine"
 
 
@@ -334,6 +335,31 @@ def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, c
     assert main(["explore", str(home / "runs" / "one"), "--out", str(tmp_path / "page.html")]) == 0
     said = "mine: expected the tile pictures of the run, got none; the package's own are shown; see --tiles\n"
     assert capsys.readouterr().err == said
+
+
+def test_tiles_that_the_user_names_draw_all_maps_that_are_chosen(run, tmp_path, monkeypatch, capsys):
+    """The page showed maps with holes. Elites that are not chosen may have other tiles."""
+    crossing = [[0, 4, 0], [2, 15, 8], [0, 1, 0]]
+    (tmp_path / "crossing.json").write_text(map_to_json(RoadMap(crossing)))
+    few = load_tiles()
+    few = replace(few, tiles=tuple(tile for tile in few.tiles if tile.code != 15))
+    words = r"grid: expected tiles that the set '.*' can draw \(codes .*\), got 15 \(crossing4\) at B2 \(\[1, 1\]\)$"
+    for what, name in (
+        (tmp_path / "crossing.json", f"{tmp_path}/crossing.json"),
+        ([RoadMap(crossing)], "map 0"),
+        ({"mine": RoadMap(crossing)}, "map 0"),
+    ):
+        with pytest.raises(InputError, match=f"^{name}: {words}"):
+            collect(what, tiles=few)
+    assert (Result.load(run / "archive.npz").elites.grids == 15).any()
+    assert collect(run / "archive.npz", tiles=few, tile_px=16)
+    # The set of a run, which is shown beside a map of other tiles.
+    monkeypatch.setattr(_collect, "_find_tiles", lambda *_: run)
+    monkeypatch.setattr(_collect, "load_tiles", lambda _: few)
+    sources = [str(run), str(tmp_path / "crossing.json")]
+    assert main(["explore", *sources, "--tile-px", "16", "--out", str(tmp_path / "page.html")]) == 0
+    said = capsys.readouterr().err
+    assert said.endswith("; cells without a picture stay empty; see --tiles\n") and said.count("\n") == 1
 
 
 def test_runs_and_maps_of_the_same_name_are_told_apart(run, tmp_path, monkeypatch):

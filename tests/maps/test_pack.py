@@ -246,7 +246,7 @@ def test_all_maps_of_a_pack_have_the_same_tiles(tmp_path, monkeypatch):
     monkeypatch.undo()
     with (tiles / "tileset.toml").open("a") as file:
         file.write("lane_offset = 0.4\n")
-    with pytest.raises(InputError, match="expected results with lane_offset 0.4, got results with None"):
+    with pytest.raises(InputError, match="expected results with tile_set lane_offset 0.4, got results with None"):
         pack(spec, MAPS[:6], tmp_path / "pack")
     pack(spec, MAPS[:6], tmp_path / "another")
     assert "0.4 tile right of the middle of the road" in (tmp_path / "another" / "README.md").read_text()

@@ -12,6 +12,7 @@ from elitelanes_jax.network.codes import CONNECTIONS, ROAD_ALPHABET
 from elitelanes_jax.photographs import Photograph, cut_tiles, propose_tiles, write_cuts
 from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs.cutting import mask_cut
+from elitelanes_jax.photographs.floors import Floor, cut_floors
 from elitelanes_jax.photographs.laid import find_differences, turn_floor, turn_to_plan
 from elitelanes_jax.tiles import inspect_tiles, load_tiles, sides
 from elitelanes_jax.tiles.sides import measure_lanes
@@ -190,6 +191,22 @@ def test_refused_photographs_among_others_are_told_by_the_exit_code(tmp_path, ca
     lines = printed.err.splitlines()
     assert [line.split(": ")[:2] for line in lines] == [["refused", file] for file in files if "turn" not in file]
     assert sorted(entry.name for entry in out.iterdir()) == ["sheet.png", "tileset.toml", "turn_1"]
+
+
+def test_a_floor_is_given_once_also_in_a_copy_of_its_photograph(tmp_path):
+    """A set had each tile twice."""
+    photo, copy, other = (tmp_path / name for name in ("floor.jpg", "copy.jpg", "other.jpg"))
+    photo.write_text("a photograph")
+    copy.write_text("a photograph")
+    other.write_text("another one")
+    with pytest.raises(InputError, match=f"^{copy}: expected each photograph once, got {photo} again$"):
+        cut_floors([Floor(photo), Floor(other), Floor(copy)], None)
+    # A photograph may show several floors.
+    left, right = np.zeros((4, 2)), np.ones((4, 2))
+    assert len(cut_floors([Floor(photo, corners=left), Floor(photo, corners=right)], None).refused) == 2
+    with pytest.raises(InputError, match="expected each photograph once"):
+        cut_floors([Floor(photo, corners=left), Floor(copy, corners=left)], None)
+    assert len(cut_floors([Floor(tmp_path / "none.jpg")] * 2, None).refused) == 2
 
 
 def test_photographs_of_the_same_name_are_named_with_their_folders(tmp_path, capsys):

@@ -184,7 +184,7 @@ def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monke
             {"method": "map-elites"},
             "expected results with method 'map-elites', got results with 'ea'; use",
         ),
-        ({"weights": {"bridges": 3}}, "expected results with bridges 3, got results with None"),
+        ({"weights": {"bridges": 3}}, "expected results with weights bridges 3, got results with None"),
         ({"generations": 100}, r"5,400 evaluations \(135 generations\) or more, as many as are done, got 4,000"),
         ({"shape": (6, 5)}, r"expected results with size \[6, 5\], got results with \[5, 6\]"),
         ({"key": KEYS[::-1]}, "expected results with keys '"),
@@ -205,7 +205,7 @@ def test_folders_in_use_damaged_or_of_another_version_are_refused(kept, tmp_path
     folder = shutil.copytree(kept[-1], tmp_path / "folder")
     with monkeypatch.context() as patch:
         patch.setattr(search, "installed_versions", lambda: {"jax": "0.1"})
-        with pytest.raises(InputError, match="expected results with jax '0.1', got results with '"):
+        with pytest.raises(InputError, match="expected results with versions jax '0.1', got results with '"):
             run(checkpoint=folder)
     with (
         locked(folder, folder),

@@ -274,6 +274,20 @@ def test_everything_stays_as_it_was_if_the_last_step_goes_wrong(step, tmp_path, 
     assert contents(tmp_path) == {"out/one": "old", "out/three": "old"}
 
 
+def test_work_of_another_command_is_named(tmp_path):
+    """The folder of an unfinished dataset had "results with None"."""
+
+    def interrupted():
+        with output_folder(tmp_path / "out", {"command": "dataset"}) as work:
+            (work.kept / "maps").write_text("found")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    words = "out: expected unfinished work of generate, got that of dataset; delete .*-unfinished, or use force=True"
+    refused(tmp_path / "out", words, {"command": "generate", "size": [3, 3]})
+
+
 def test_work_is_resumed_with_the_same_settings_alone(tmp_path):
     out = tmp_path / "out"
 
@@ -288,12 +302,10 @@ def test_work_is_resumed_with_the_same_settings_alone(tmp_path):
         with pytest.raises(KeyboardInterrupt):
             interrupted()
         assert has_unfinished(out) and not out.exists()
-    words = (
-        r"out: expected results with x \[3\], got results with .2.; delete .*-unfinished, or use force=True, to start"
-    )
+    words = r"out: expected results with more x \[3\], got results with .2.; delete .*-unfinished, or use force=True"
     refused(out, words, {"seed": 1, "more": {"x": [3]}})
     # A setting that only the earlier run had is a difference, as one that only this run has.
-    refused(out, r"expected results with x None, got results with .2.; ", {"seed": 1, "more": {}})
+    refused(out, r"expected results with more x None, got results with .2.; ", {"seed": 1, "more": {}})
     assert has_unfinished(out)
     with output_folder(out, {"seed": 2}, force=True) as work:
         assert not list(work.kept.iterdir())
