@@ -5,7 +5,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard
 
+import numpy as np
+
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import TILE_PX, check_named, is_folder, paths
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.progress import announce
@@ -22,7 +25,7 @@ from elitelanes_jax.explorer._shown import (
 )
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
-from elitelanes_jax.tiles.rendering import plan_choice
+from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 if TYPE_CHECKING:
@@ -49,8 +52,7 @@ def collect(
 
     Raises:
       InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of
-        another kind, for a bad tile set, and for `tiles` that cannot draw a chosen map. The message
-        names the file.
+        another kind, and for a bad tile set. The message names the file.
     """
     check_named("tile_px", TILE_PX, tile_px)
     sources = _list_sources(what)
@@ -133,15 +135,7 @@ def _collect_files(
     heading = runs[0].name if len(runs) == 1 and not maps else ""
     # The folder of a run may have the name of a group of maps, such as "maps".
     runs += by_size(maps)
-    if tiles is None and recorded_tiles is not None:
-        tile_set = load_tiles(recorded_tiles)
-        # Nobody asked for this set, and other runs may have maps of other tiles.
-        try:
-            _check_drawable(runs, tile_set)
-        except InputError as error:
-            announce(f"{error}; cells without a picture stay empty; see --tiles")
-    else:
-        tile_set = _load_tiles(tiles, runs)
+    tile_set = _load_tiles(recorded_tiles if tiles is None else tiles, runs)
     return make_payload(_with_distinct_names(runs), tile_set, tile_px, heading)
 
 
@@ -169,22 +163,25 @@ def _announce_lost_tiles(runs: Sequence[ShownRun]) -> None:
 
 
 def _load_tiles(tiles: str | Path | TileSet | None, runs: Sequence[ShownRun]) -> TileSet:
-    """Loads the tile set that the page shows, and checks that it draws the maps of the runs."""
-    tile_set = tiles if isinstance(tiles, TileSet) else load_tiles(tiles)
-    _check_drawable(runs, tile_set)
-    return tile_set
+    """Loads the tile set of the page, and announces a cell that it has no picture of.
 
-
-def _check_drawable(runs: Sequence[ShownRun], tile_set: TileSet) -> None:
-    """Checks that a tile set has a picture for each cell of the chosen maps.
-
-    Other elites may have any codes, because a search also keeps invalid maps.
+    Only chosen maps are looked at. A search also keeps invalid maps, which may have any codes.
     """
+    tile_set = tiles if isinstance(tiles, TileSet) else load_tiles(tiles)
     for run in runs:
         for _, name, road_map in run.maps:
-            # The chosen maps of a run are in its folder.
-            source = f"{run.name}/maps/{name}" if run.record else name
-            check_named(source, plan_choice, road_map.codes, tile_set)
+            empty = np.argwhere(~np.isin(road_map.codes, list(tile_set.rotations)))
+            if empty.size:
+                # The chosen maps of a run are in its folder.
+                source = f"{run.name}/maps/{name}" if run.record else name
+                row, column = empty[0]
+                code = int(road_map.codes[row, column])
+                announce(
+                    f"{source}: the tile set {tile_set.name!r} has no picture of {code} "
+                    f"({KIND_OF[code]}) at {describe_cell(row, column)}; such cells stay empty"
+                )
+                return tile_set
+    return tile_set
 
 
 def _run_folders(folder: Path) -> list[Path]:

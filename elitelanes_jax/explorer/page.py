@@ -46,8 +46,8 @@ def explore(
 
     Raises:
       InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of
-        another kind, for a bad tile set, and for `tiles` that cannot draw a chosen map; for a page
-        that exists, unless `force` is given, or another file; or for the suffix of another format.
+        another kind, and for a bad tile set; for a page that exists, unless `force` is given, or
+        another file; or for the suffix of another format.
       OSError: if it cannot be written.
     """
     out = Path(check_named("out", file_named(".html"), out))

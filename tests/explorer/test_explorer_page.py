@@ -337,29 +337,24 @@ def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, c
     assert capsys.readouterr().err == said
 
 
-def test_tiles_that_the_user_names_draw_all_maps_that_are_chosen(run, tmp_path, monkeypatch, capsys):
-    """The page showed maps with holes. Elites that are not chosen may have other tiles."""
+def test_a_cell_of_a_chosen_map_that_the_tiles_cannot_draw_is_named(run, tmp_path, monkeypatch):
+    """Elites that are not chosen may have other tiles."""
+    lines = []
+    monkeypatch.setattr(_collect, "announce", lines.append)
     crossing = [[0, 4, 0], [2, 15, 8], [0, 1, 0]]
     (tmp_path / "crossing.json").write_text(map_to_json(RoadMap(crossing)))
     few = load_tiles()
     few = replace(few, tiles=tuple(tile for tile in few.tiles if tile.code != 15))
-    words = r"grid: expected tiles that the set '.*' can draw \(codes .*\), got 15 \(crossing4\) at B2 \(\[1, 1\]\)$"
+    words = f"the tile set {few.name!r} has no picture of 15 (crossing4) at B2 ([1, 1]); such cells stay empty"
     for what, name in (
         (tmp_path / "crossing.json", f"{tmp_path}/crossing.json"),
         ([RoadMap(crossing)], "map 0"),
         ({"mine": RoadMap(crossing)}, "map 0"),
     ):
-        with pytest.raises(InputError, match=f"^{name}: {words}"):
-            collect(what, tiles=few)
+        collect(what, tiles=few, tile_px=16)
+        assert lines.pop() == f"{name}: {words}" and not lines
     assert (Result.load(run / "archive.npz").elites.grids == 15).any()
-    assert collect(run / "archive.npz", tiles=few, tile_px=16)
-    # The set of a run, which is shown beside a map of other tiles.
-    monkeypatch.setattr(_collect, "_find_tiles", lambda *_: run)
-    monkeypatch.setattr(_collect, "load_tiles", lambda _: few)
-    sources = [str(run), str(tmp_path / "crossing.json")]
-    assert main(["explore", *sources, "--tile-px", "16", "--out", str(tmp_path / "page.html")]) == 0
-    said = capsys.readouterr().err
-    assert said.endswith("; cells without a picture stay empty; see --tiles\n") and said.count("\n") == 1
+    assert collect(run / "archive.npz", tiles=few, tile_px=16) and not lines
 
 
 def test_runs_and_maps_of_the_same_name_are_told_apart(run, tmp_path, monkeypatch):
