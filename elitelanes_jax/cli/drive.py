@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from elitelanes_jax._util.checks import one_of, real, whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, file_ending
 from elitelanes_jax.cli.program import say
 
@@ -129,5 +129,8 @@ def _drive(options: argparse.Namespace) -> int:
     reached, count = int(rides.success.sum()), len(rides.success)
     # A ride has 30 steps per second.
     driven = f"{rides.steps.sum() / 30:.1f} s driven"
-    say(f"{reached} of {count} goals reached, {driven}, in {options.out}")
+    # A ride ends at its goal, off the road, or at the limit of time.
+    left = int((~rides.success & (rides.steps < rides.x.shape[1] - 1)).sum())
+    off_road = f"{pluralize(left, 'ride')} left the road, " if left else ""
+    say(f"{reached} of {count} goals reached, {off_road}{driven}, in {options.out}")
     return 0

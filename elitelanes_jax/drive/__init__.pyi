@@ -40,5 +40,6 @@ from .lanes import lane_pose as lane_pose
 from .lanes import movements as movements
 from .lanes import random_pose as random_pose
 from .rides import make_rides as make_rides
+from .robot import Robot as Robot
 from .scene_making import make_scenes as make_scenes
 from .scene_making import make_sight as make_sight

@@ -216,10 +216,16 @@ def read_map(file: str | Path) -> RoadMap:
 def read_maps(file: str | Path) -> list[RoadMap]:
     """Reads a file of one map, or a JSON list of maps, ``[{"codes": [[...], ...]}, ...]``.
 
+    Of a folder that `generate` or `pick` wrote, reads all its maps.
+
     Raises:
       InputError: as `read_map`, here for over 64 MiB; the message names the file and the map's
         index, from 0.
     """
+    if is_folder(check_named("file", path, file)):
+        files = sorted(Path(file).glob("maps/*/map.json"))
+        if files:
+            return [read_map(one) for one in files]
     return _read(file, _MOST_LISTED, _maps_of)
 
 
@@ -230,7 +236,7 @@ def as_maps(sources: Untyped) -> list[RoadMap]:
     Args:
       sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file; or several of
         these. An array ``[N, H, W]`` is several. A file has one map, as for `read_map`, or a JSON
-        list of maps, ``[{"codes": [[...], ...]}, ...]``.
+        list of maps, ``[{"codes": [[...], ...]}, ...]``. A folder of `generate` has all its maps.
 
     Raises:
       InputError: for a bad grid, a bad file, a file of over 64 MiB, or anything else; the message

@@ -190,6 +190,17 @@ def test_bad_files_are_named(text, message, tmp_path):
         read_map(file)
 
 
+def test_a_folder_of_generate_is_all_its_maps(tmp_path):
+    maps = [RoadMap([[6, 3], [12, 9]]), RoadMap([[6, 5, 3], [12, 5, 9]])]
+    for name, road_map in zip(("0001", "0000"), maps, strict=True):
+        (tmp_path / "maps" / name).mkdir(parents=True)
+        road_map.save(tmp_path / "maps" / name / "map.json")
+    assert as_maps(tmp_path) == read_maps(str(tmp_path)) == maps[::-1]
+    assert as_maps([tmp_path, maps[0]]) == [*maps[::-1], maps[0]]
+    with pytest.raises(InputError, match="a folder without; a map in it is"):
+        read_map(tmp_path)
+
+
 def test_rows_alone_are_no_list_of_maps(tmp_path):
     file = tmp_path / "map.json"
     file.write_text("[[6, 3], [12, 9]]")
