@@ -33,7 +33,7 @@ _KEPT = "kept"
 _FILES = "files"
 _REPLACED = "replaced"
 
-# Tables whose names say nothing about their entries. Options of a command are in them.
+# Tables whose names say nothing about their entries: the options of a command are in these tables.
 _UNNAMED = ("settings", "search")
 
 # The most bytes of a name in common file systems.
@@ -228,6 +228,9 @@ def compare_settings(
         earlier = None
     if not isinstance(earlier, dict):
         raise InputError(folder, f"settings of an earlier run in {file}", "none", hint)
+    # A dataset that an older program left unfinished does not name its command.
+    if "command" not in earlier:
+        settings = {name: value for name, value in settings.items() if name != "command"}
     # The earlier file may have further settings, which are not compared.
     earlier = {name: earlier.get(name) for name in settings}
     # The settings become as JSON has them: a tuple becomes a list.

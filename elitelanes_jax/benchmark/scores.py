@@ -101,7 +101,7 @@ def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     NaN.
     """
     values = np.atleast_1d(np.asarray(check_named("values", unmasked, values)))
-    if values.dtype.kind not in "iuf" or np.isinf(values).any():
+    if values.dtype.kind not in "biuf" or np.isinf(values).any():
         raise InputError("values", "finite scores or NaN", shorten(repr(values)))
     values = values.astype(float)
     if values.ndim != 1 or not values.size:

@@ -23,6 +23,7 @@ from elitelanes_jax.dataset._records import Samples
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.drive.camera_options import sees_ground
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.faults import announce_without_room
 
@@ -159,6 +160,8 @@ def _make_maps(
             "; first the maps are evolved, which may take many minutes, and fewer --maps take less"
         )
     announce(made)
+    if spec.camera is not None and not sees_ground(spec.camera):
+        announce("the camera looks above the horizon, so no picture shows the road")
     try:
         maps: Sequence[RoadMap]
         if spec.maps_from is None:

@@ -110,7 +110,8 @@ class LaneDriveParams(Record):
         if self.observe == "camera" and self.sight is None:
             raise InputError("sight", "a result of make_sight, to observe the camera", "None")
         if self.observe != "camera" and self.sight is not None:
-            raise InputError("observe", "'camera', to see with a sight", repr(self.observe))
+            hint = "sight=None observes without a camera"
+            raise InputError("observe", "'camera', to see with a sight", repr(self.observe), hint)
 
     @property
     def max_steps_in_episode(self) -> Numeric:

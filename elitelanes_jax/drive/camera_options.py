@@ -177,19 +177,16 @@ def parse_camera(value: UserValue) -> LaneCamera:
     """Reads a camera from words such as ``["rows=120", "columns=160"]``.
 
     Also takes a mapping of fields, or a `LaneCamera`. No field is an array, because a dataset has
-    one camera. Raises `InputError`, also for a camera that never sees the ground.
+    one camera. Raises `InputError`.
     """
     camera = parse_words("camera", LaneCamera(), value, "setting", "'rows=120'", names=_WORDS)
     for name, setting in camera.values().items():
         if hasattr(setting, "dtype"):
             raise InputError(name, "a number", shorten(repr(setting)))
-    if not _sees_ground(camera):
-        got = f"{camera.pitch:g} with a field of view of {camera.field_of_view:g}"
-        raise InputError("pitch", "a view that reaches below the horizon", got)
     return camera
 
 
-def _sees_ground(camera: LaneCamera) -> bool:
+def sees_ground(camera: LaneCamera) -> bool:
     """Returns whether the lower edge of a picture may be below the horizon, after any wobble."""
     pitch = max(camera.pitch * (1 - camera.wobble), camera.pitch * (1 + camera.wobble))
     below_axis = min(camera.field_of_view * (1 + camera.wobble), WIDEST) / 2

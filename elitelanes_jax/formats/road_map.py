@@ -222,7 +222,7 @@ def read_maps(file: str | Path) -> list[RoadMap]:
       InputError: as `read_map`, here for over 64 MiB; the message names the file and the map's
         index, from 0.
     """
-    if is_folder(check_named("file", path, file)):
+    if is_folder(check_named("file", path, file)) and not is_layers(Path(file)):
         files = sorted(Path(file).glob("maps/*/map.json"))
         if files:
             return [read_map(one) for one in files]

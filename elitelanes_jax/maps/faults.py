@@ -131,7 +131,8 @@ def announce_without_room(maps: Iterable[RoadMap], spec: FurnishSpec | None) -> 
     """Announces how many crossings get no signs or lights because of a road at a corner."""
     if spec is None:
         return
-    things = ["signs"] if spec.signs != "none" else []
+    # With signs at all crossings, a crossing without room is an error.
+    things = ["signs"] if spec.signs == "possible" else []
     things += ["lights"] if spec.lights else []
     if not things:
         return

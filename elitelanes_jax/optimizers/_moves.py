@@ -153,7 +153,7 @@ class MoveWeights(Record):
             if name in KNOWN_MOVES:
                 weights[name] = value
             elif isinstance(value, tuple | list | Move):
-                # The pair of a weight and a `Move` is checked with all moves of the user below.
+                # The weight and the `Move` are checked with all moves of the user below.
                 user_moves[name] = value
             else:
                 known_names = ", ".join(KNOWN_MOVES)

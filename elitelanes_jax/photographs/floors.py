@@ -131,20 +131,23 @@ def cut_floors(floors: Sequence[Floor], lens: Lens | None) -> CutFloors:
 def _check_distinct(floors: Sequence[Floor]) -> None:
     """Checks that no floor is given twice, also in a copy of a photograph.
 
-    One photograph may show several floors, each with corners of its own.
+    One photograph may show several floors, which differ in their corners, size or map.
     """
-    files: dict[tuple[str, bytes], Path] = {}
+    files: dict[tuple[object, ...], Path] = {}
     for floor in floors:
         # A pipe can be read only once.
         if not floor.file.is_file():
             continue
         with suppress(OSError), floor.file.open("rb") as stream:
             digest = file_digest(stream, "sha256").hexdigest()
-            corners = b"" if floor.corners is None else floor.corners.tobytes()
-            if (digest, corners) in files:
-                got = f"{files[digest, corners]} again"
-                raise InputError(floor.file, "each photograph once", got)
-            files[digest, corners] = floor.file
+            arrays = [
+                part if part is None else part.tobytes() for part in (floor.codes, floor.corners)
+            ]
+            key = (digest, floor.shape, *arrays)
+            if key in files:
+                hint = "several floors on a photograph need --corners"
+                raise InputError(floor.file, "each photograph once", f"{files[key]} again", hint)
+            files[key] = floor.file
 
 
 def write_set(out: Path, floors: CutFloors) -> Path | None:

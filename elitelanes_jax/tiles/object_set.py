@@ -352,11 +352,11 @@ def _view_files(folder: Path) -> dict[int, Path]:
     Any other name is an error, because the view would never be drawn, or be drawn for two numbers.
     """
     views = {0: folder / "image.png"} if (folder / "image.png").is_file() else {}
-    for file in sorted(folder.glob("image?*.png")):
+    for file in sorted(folder.glob("image_*.png")):
         number = re.fullmatch(r"image_([1-9][0-9]{0,2})", file.stem)
         if number is None or int(number[1]) > 359:
             expected = "views image_1.png to image_359.png"
-            raise InputError(folder, expected, file.name)
+            raise InputError(folder, expected, file.name, "rename other pictures")
         views[int(number[1])] = file
     return views
 

@@ -70,7 +70,7 @@ class Lanes(NamedTuple):
     def __str__(self) -> str:
         return (
             f"lanes run {self.offset:.3f} tiles beside the road's middle, "
-            f"with a standard deviation of {self.spread:.3f} over {self.sides} sides without crossings"
+            f"with a standard deviation of {self.spread:.3f} over {self.sides} sides"
         )
 
 

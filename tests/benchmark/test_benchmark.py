@@ -515,7 +515,7 @@ def test_masked_numbers_are_refused():
         run_task(TASK, lambda task, rng: iter_once(masked(task.witnesses)), 1)
 
 
-@pytest.mark.parametrize("values", [None, [0.5, None], [0.5, np.inf], [-np.inf], "0.5", [True, False]])
+@pytest.mark.parametrize("values", [None, [0.5, None], [0.5, np.inf], [-np.inf], "0.5"])
 def test_a_score_is_a_finite_number_or_nan(any_types, values):
     with pytest.raises(InputError, match="^values: expected "):
         confidence_interval(values)

@@ -261,7 +261,6 @@ def test_the_size_of_a_photograph_that_was_shrunk_is_explained(shot):
         propose_tiles(shot._replace(name="floor", shrunk=2), shape=(3, 3), corners=CORNERS + 9999)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".png", pytest.param(".jpg", marks=pytest.mark.slow)])
 def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix, tmp_path):
     file = tmp_path / f"floor{suffix}"

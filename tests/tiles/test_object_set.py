@@ -186,7 +186,6 @@ FAULTS = {words: lambda place, text=text: write(place, text) for text, words in 
     "got image_-45.png": lambda place: shutil.copy(place / "image.png", place / "image_-45.png"),
     "got image_x.png": lambda place: shutil.copy(place / "image.png", place / "image_x.png"),
     "got image_.png": lambda place: shutil.copy(place / "image.png", place / "image_.png"),
-    "got image-45.png": lambda place: shutil.copy(place / "image.png", place / "image-45.png"),
     "got image_22.5.png": lambda place: shutil.copy(place / "image.png", place / "image_22.5.png"),
     "expected folders with object.toml and image.png": lambda place: shutil.rmtree(place),
     "image.png, the view from the front, got": lambda place: replace_by_a_folder(place / "image.png"),

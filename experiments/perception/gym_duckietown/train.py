@@ -187,6 +187,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     views, steps = read_views(options.dataset), options.steps or STEPS[options.task]
+    if options.task == "labels" and not views.labels.any():
+        raise InputError(options.dataset, "pictures with labels", "pictures without")
     write_trained(options.out, partial(train, options.task, views, steps, options.seed))
 
 
