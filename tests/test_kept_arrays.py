@@ -143,7 +143,7 @@ def replayed(level):
     return auto_replay(RoadNav).reset_to_level(KEY, level, RoadNavParams(levels()))[1]
 
 
-tile_set, object_set = cache(load_tiles), cache(load_objects)  # each is made of arrays that nothing can write to
+tile_set, object_set = cache(load_tiles), cache(load_objects)  # Nothing can write to their arrays.
 
 
 def draw_tile():

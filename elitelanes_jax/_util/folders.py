@@ -57,7 +57,7 @@ class Difference(NamedTuple):
     """The first difference between two tables.
 
     Attributes:
-      name: the name of the entry, after the names of the tables that it is in.
+      name: the names of the tables around the entry, and its own name, such as "weights turns".
       value: its value in the first table; None if the table has no such entry.
       other: its value in the second table, in the same way.
     """

@@ -5,10 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard
 
-import numpy as np
-
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import TILE_PX, check_named, is_folder, paths
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.progress import announce
@@ -25,7 +22,7 @@ from elitelanes_jax.explorer._shown import (
 )
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
-from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.tiles.rendering import first_undrawn
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 if TYPE_CHECKING:
@@ -163,25 +160,28 @@ def _announce_lost_tiles(runs: Sequence[ShownRun]) -> None:
 
 
 def _load_tiles(tiles: str | Path | TileSet | None, runs: Sequence[ShownRun]) -> TileSet:
-    """Loads the tile set of the page, and announces a cell that it has no picture of.
-
-    Only chosen maps are looked at. A search also keeps invalid maps, which may have any codes.
-    """
+    """Loads the tile set of the page, and announces a cell that it has no picture of."""
     tile_set = tiles if isinstance(tiles, TileSet) else load_tiles(tiles)
+    _announce_undrawn(runs, tile_set)
+    return tile_set
+
+
+def _announce_undrawn(runs: Sequence[ShownRun], tile_set: TileSet) -> None:
+    """Announces the first cell of a chosen map that a tile set has no picture of.
+
+    Other elites are not looked at. A search also keeps invalid maps, which may have any codes.
+    """
     for run in runs:
         for _, name, road_map in run.maps:
-            empty = np.argwhere(~np.isin(road_map.codes, list(tile_set.rotations)))
-            if empty.size:
+            undrawn = first_undrawn(road_map.codes, tile_set)
+            if undrawn is not None:
                 # The chosen maps of a run are in its folder.
                 source = f"{run.name}/maps/{name}" if run.record else name
-                row, column = empty[0]
-                code = int(road_map.codes[row, column])
                 announce(
-                    f"{source}: the tile set {tile_set.name!r} has no picture of {code} "
-                    f"({KIND_OF[code]}) at {describe_cell(row, column)}; such cells stay empty"
+                    f"{source}: the tile set {tile_set.name!r} has no picture of {undrawn[1]}; "
+                    "such cells stay empty"
                 )
-                return tile_set
-    return tile_set
+                return
 
 
 def _run_folders(folder: Path) -> list[Path]:

@@ -135,7 +135,7 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
         raise InputError(
             "niche", f"{len(found.fitness)} indices, one for each grid", list(np.shape(niche))
         )
-    # JAX would convert a number of 64 bits, so an array of JAX alone is taken as it is.
+    # The dtype is read before JAX converts the indices, because JAX makes 32 bits of 64.
     dtype = niche.dtype if isinstance(niche, jax.Array) else np.asarray(niche).dtype
     if dtype.kind not in "iu":
         raise InputError("niche", "whole numbers", dtype)

@@ -45,12 +45,15 @@ class Constraint(NamedTuple):
     violated: str
 
 
+OFF_ALPHABET = Constraint("off_alphabet", 0, "with tiles that are not in the alphabet")
+"""A map has the codes of the search alone, which are at most those of its tile set."""
+
 _ALWAYS = (
     Constraint("components", 1, "not in one piece"),
     Constraint("dead_ends", 0, "with dead ends"),
     Constraint("boundary_violations", 0, "with roads that leave the grid"),
     Constraint("mismatches", 0, "with roads that do not meet"),
-    Constraint("off_alphabet", 0, "with tiles that are not in the alphabet"),
+    OFF_ALPHABET,
 )
 
 

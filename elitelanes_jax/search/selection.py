@@ -16,7 +16,7 @@ from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
 from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import satisfies
-from elitelanes_jax.problem.rules import map_constraints
+from elitelanes_jax.problem.rules import OFF_ALPHABET, map_constraints
 from elitelanes_jax.problem.targets import ExampleValues, SupportPoints
 from elitelanes_jax.search.records import MeasuredElites
 from elitelanes_jax.search.resolve import Search
@@ -85,7 +85,7 @@ class Choice(NamedTuple):
             # The population becomes more alike with time.
             return "more seeds"
         most_frequent = max(self.rejected, key=lambda reason: self.rejected[reason], default="")
-        if most_frequent.endswith("in the alphabet"):
+        if most_frequent == OFF_ALPHABET.violated:
             return "more codes in the alphabet or the tile set, more seeds or evaluations"
         if min(search.shape) < 4:
             return "larger maps, more seeds or evaluations"

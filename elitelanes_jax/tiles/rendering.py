@@ -132,14 +132,27 @@ class TileChoice(NamedTuple):
         return self.pictures[self.first + (lots * self.choices).astype(int)]
 
 
+def first_undrawn(grid: NDArray[np.integer], tiles: TileSet) -> tuple[int, str] | None:
+    """Finds the first cell of a grid that a tile set has no picture of; None if there is none.
+
+    Returns its code, and a text such as "15 (crossing4) at B2 ([1, 1])".
+    """
+    cells = np.argwhere(~np.isin(grid, list(tiles.rotations)))
+    if not len(cells):
+        return None
+    row, column = cells[0]
+    code = int(grid[row, column])
+    return code, f"{code} ({KIND_OF[code]}) at {describe_cell(row, column)}"
+
+
 def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
     """Lists the pictures of each cell of a grid; the errors are those of `choose_tiles`."""
     grid = known_grid(grid)
     if not isinstance(tiles, TileSet):
         raise InputError("tiles", "a TileSet, as load_tiles gives it", shorten(repr(tiles)))
-    # The first cell without a picture is named.
-    for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
-        code = int(grid[row, column])
+    undrawn = first_undrawn(grid, tiles)
+    if undrawn is not None:
+        code, cell = undrawn
         drawn = ", ".join(str(code) for code in tiles.rotations if code)
         remedy = ""
         if KIND_OF[code] == "end":
@@ -150,7 +163,7 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
         raise InputError(
             "grid",
             f"tiles that the set {tiles.name!r} can draw (codes {drawn})",
-            f"{code} ({KIND_OF[code]}) at {describe_cell(row, column)}{remedy}",
+            f"{cell}{remedy}",
         )
     # The pictures are listed code by code, so that a first index and a number tell those of a cell.
     pictures: list[RotatedTile] = []

@@ -147,6 +147,12 @@ def test_given_cells_on_the_page_are_those_of_the_file():
     assert rows == (DOCS / "examples" / "city.json").read_text()
 
 
+def test_no_item_of_a_list_is_within_another():
+    """A program that wraps lines joins the items of a list."""
+    for page, text in PAGES.items():
+        assert not re.search(r"\w[.:] - [A-Z`]", text), page
+
+
 def test_links_targets_and_scripts_are_there():
     for page, text in PAGES.items():
         for link in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", text):

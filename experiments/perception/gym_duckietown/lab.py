@@ -279,7 +279,8 @@ def _train(name: str, seed: int, out: Path) -> Path:
         return weights
     if row.source == "limit":
         views = out / "own.npz"
-        _take_pictures("development", 960, views, "--no-labels")  # of people's maps and of our towns
+        # Without --only, the pictures are of people's maps and of our towns.
+        _take_pictures("development", 960, views, "--no-labels")
     else:
         views = _make_views(row, tiles, out / "views" / name)
     write_trained(weights, partial(train, row.task, read_views(views), row.steps, seed))
