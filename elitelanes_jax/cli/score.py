@@ -35,7 +35,7 @@ def add_score(commands: Commands) -> None:
         "--predictions",
         type=checked_by(path),
         metavar="DIR|FILE",
-        help="label maps such as 000012.png, or a file of COCO's results",
+        help="label maps such as 000012.png, a file of COCO's results, or a .jsonl file of lane poses",
     )
     command.add_argument(
         "--split",
@@ -83,7 +83,8 @@ def _score_dataset(options: argparse.Namespace) -> int:
         if error.subject.partition(":")[0] in ("predictions", "split"):
             error = error.replace(subject=f"--{error.subject}")
         raise error from None
-    lines = (f"{name:16}{score:.3f}" for name, score in scores.items())
+    width = max(16, 2 + max(map(len, scores)))
+    lines = (f"{name:{width}}{score:.3f}" for name, score in scores.items())
     say("\n".join(lines), asked=True)
     return 0
 

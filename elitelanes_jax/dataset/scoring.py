@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Container, Iterator
+from collections.abc import Collection, Container, Iterator
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -19,6 +19,7 @@ from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._layouts import LAYOUTS, RECORD, Layout
+from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABELS
 
@@ -27,24 +28,30 @@ if TYPE_CHECKING:
 
 # The fields of an entry of COCO's results.
 _RESULT = ("image_id", "category_id", "bbox", "score")
+# The fields of a lane pose.
+_POSE = ("d", "phi")
 
 
 @name_wrong_arguments
 def score_predictions(
     dataset: str | Path, predictions: str | Path, *, split: str = "test"
 ) -> dict[str, float]:
-    """Scores predictions of labels or of objects on a split of a dataset.
+    """Scores predictions of labels, of objects or of lane poses on a split of a dataset.
 
     Args:
       dataset: the folder of the dataset, in the layout imagefolder or coco.
       predictions: a folder with a label map for each picture, named by the sample, such as
-        ``000012.png``; or a file of results in COCO's format, for the objects of the layout coco.
+        ``000012.png``; a file of results in COCO's format, for the objects of the layout coco; or a
+        file ``*.jsonl`` of lane poses, for views of a robot. It has a line for each picture, such
+        as ``{"number": 12, "d": 0.02, "phi": -0.1}``, in tiles and radians.
       split: train, validation or test.
 
     Returns:
       The intersection over union (IoU) of each class, by its name, and their `mean`, over all
       pixels of the split. A class that neither labels nor predictions have is NaN, and is left out
-      of the mean. For objects, COCO's average precisions of boxes: `AP`, `AP50` and `AP75`.
+      of the mean. For objects, COCO's average precisions of boxes: `AP`, `AP50` and `AP75`. For lane
+      poses, the absolute errors against `nearest` of the dataset: the median and the 90th percentile
+      of the offset in centimetres, for tiles of 0.585 m, and of the angle in radians.
 
     Raises:
       InputError: for a folder that is no such dataset, a missing or wrong prediction, or a package
@@ -57,12 +64,16 @@ def score_predictions(
     layout, about = _read_dataset(folder)
     if not predicted.exists():
         raise InputError(
-            "predictions", "a folder, or a file of COCO's results", f"none, {predicted}"
+            "predictions",
+            "a folder, or a file of COCO's results or lane poses",
+            f"none, {predicted}",
         )
     if not about["pictures"][split]:
         raise InputError("split", f"one that has pictures in {folder}", split)
     if predicted.is_dir():
         return _score_labels(folder, predicted, layout, index)
+    if predicted.suffix == ".jsonl":
+        return _score_poses(folder, predicted, layout, index)
     return _score_boxes(folder, predicted, layout, index)
 
 
@@ -83,7 +94,8 @@ def _score_labels(folder: Path, predictions: Path, layout: Layout, split: int) -
     """Returns the IoU of each class, and their mean."""
     # Rows have the labels of the dataset, and columns those of the predictions.
     counts = np.zeros((len(LABELS), len(LABELS)), np.int64)
-    for number in _numbers(folder, layout, split):
+    for row in _rows(folder, layout, split):
+        number = row["number"]
         expected = _read_labels(folder / layout.file(split, number, "labels"))
         predicted = _read_labels(predictions / f"{number:06d}.png")
         if predicted.shape != expected.shape or predicted.max() >= len(LABELS):
@@ -101,10 +113,11 @@ def _score_labels(folder: Path, predictions: Path, layout: Layout, split: int) -
     return dict(zip(LABELS, shares.tolist(), strict=True)) | {"mean": float(np.nanmean(shares))}
 
 
-def _numbers(folder: Path, layout: Layout, split: int) -> Iterator[int]:
+def _rows(folder: Path, layout: Layout, split: int) -> Iterator[dict[str, Plain]]:
+    """Reads the metadata of the pictures of a split."""
     with (folder / layout.list_file(split)).open(encoding="utf-8") as lines:
         for line in lines:
-            yield json.loads(line)["number"]
+            yield json.loads(line)
 
 
 def _read_labels(file: Path) -> NDArray[np.int64]:
@@ -118,6 +131,59 @@ def _read_labels(file: Path) -> NDArray[np.int64]:
         raise InputError("predictions", "a grey PNG file of labels", f"{got}, {file.name}")
     # A file of 16 bits is not cut to 8, because that would make label 256 the background.
     return labels.astype(np.int64)
+
+
+def _score_poses(folder: Path, predictions: Path, layout: Layout, split: int) -> dict[str, float]:
+    """Returns the errors of lane poses."""
+    rows = [*_rows(folder, layout, split)]
+    if "nearest" not in rows[0]:
+        raise InputError("predictions", "a folder of labels, or a dataset of robots' views", folder)
+    found = _read_poses(predictions, {row["number"] for row in rows})
+    errors = np.array(
+        [[found[row["number"]][name] - row["nearest"][name] for name in _POSE] for row in rows]
+    )
+    offset = np.abs(errors[:, 0]) * TILE_SIZE * 100
+    angle = np.abs((errors[:, 1] + np.pi) % (2 * np.pi) - np.pi)
+    scores = {}
+    for name, part in (("offset, cm", offset), ("angle, rad", angle)):
+        scores[name] = float(np.median(part))
+        scores[f"{name}, 90 %"] = float(np.percentile(part, 90))
+    return scores
+
+
+def _read_poses(file: Path, numbers: Collection[int]) -> dict[int, dict[str, float]]:
+    """Reads the lane pose of each picture of a split, by the picture's number."""
+    found: dict[int, dict[str, float]] = {}
+    with file.open("rb") as lines:
+        for index, line in enumerate(lines, start=1):
+            pose = check_named(f"predictions: line {index}", _check_pose, line, numbers)
+            if pose["number"] in found:
+                number = int(pose["number"])
+                raise InputError(
+                    "predictions", "each picture once", f"{number} again in line {index}"
+                )
+            found[int(pose["number"])] = pose
+    if missing := sorted(set(numbers) - found.keys()):
+        raise InputError(
+            "predictions", "a line for each picture of the split", f"none for {missing[0]}"
+        )
+    return found
+
+
+def _check_pose(line: bytes, numbers: Container[int]) -> dict[str, float]:
+    expected = f"a table with number, {' and '.join(_POSE)}"
+    try:
+        pose = json.loads(line)
+    except (ValueError, RecursionError):
+        raise InputError("", expected, "no JSON") from None
+    if not isinstance(pose, dict) or not pose.keys() >= {"number", *_POSE}:
+        raise InputError("", expected, brief(pose, 40))
+    if not is_real(pose["number"]) or pose["number"] not in numbers:
+        raise InputError("number", "that of a picture of the split", brief(pose["number"], 40))
+    for name in _POSE:
+        if not _is_finite(pose[name]):
+            raise InputError(name, "a finite number", brief(pose[name], 40))
+    return pose
 
 
 def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) -> dict[str, float]:

@@ -87,7 +87,7 @@ def test_wrong_folders_are_named(dataset, tmp_path):
         score_predictions(dataset, tmp_path)
     with pytest.raises(InputError, match="^predictions: expected a folder of labels, or a dataset of the layout coco"):
         score_predictions(dataset, dataset / "dataset.json")
-    with pytest.raises(InputError, match="^predictions: expected a folder, or a file of COCO.s results, got none"):
+    with pytest.raises(InputError, match="^predictions: expected a folder, or a file of COCO.s results or lane poses, got none"):
         score_predictions(dataset, "nowhere")
     with pytest.raises(InputError, match="^split: expected one of train, validation, test"):
         score_predictions(dataset, tmp_path, split="val")
@@ -97,6 +97,73 @@ def test_wrong_folders_are_named(dataset, tmp_path):
     make_dataset(small(tile_px=16, format="webdataset"), tmp_path / "tar")
     with pytest.raises(InputError, match="tar: expected a dataset of the layout imagefolder or coco, got webdataset$"):
         score_predictions(tmp_path / "tar", tmp_path)
+
+
+@pytest.fixture
+def views(dataset, tmp_path):
+    """A dataset whose pictures have lane poses, and these poses."""
+    folder = tmp_path / "views"
+    shutil.copytree(dataset, folder)
+    file = folder / "test" / "metadata.jsonl"
+    rng = np.random.default_rng(1)
+    rows = [json.loads(line) for line in file.read_text().splitlines()]
+    poses = [{"number": row["number"], "d": rng.uniform(-0.1, 0.1), "phi": rng.uniform(-1, 1)} for row in rows]
+    file.write_text("".join(f"{json.dumps(row | {'nearest': pose})}\n" for row, pose in zip(rows, poses, strict=True)))
+    return folder, poses
+
+
+def write_poses(folder, poses):
+    (folder / "poses.jsonl").write_text("".join(f"{json.dumps(pose)}\n" for pose in poses))
+    return folder / "poses.jsonl"
+
+
+def test_lane_poses_are_scored_in_centimetres_and_radians(views, tmp_path, capsys):
+    folder, poses = views
+    errors = np.linspace(0.01, 0.04, len(poses))
+    # A whole turn is no error, and the order of the lines does not matter.
+    found = [
+        {"number": pose["number"], "d": pose["d"] - error, "phi": pose["phi"] + error + 2 * np.pi, "note": "x"}
+        for pose, error in zip(poses, errors, strict=True)
+    ]
+    file = write_poses(tmp_path, found[::-1])
+    scores = score_predictions(folder, file)
+    assert scores == pytest.approx(
+        {
+            "offset, cm": np.median(errors) * 58.5,
+            "offset, cm, 90 %": np.percentile(errors, 90) * 58.5,
+            "angle, rad": np.median(errors),
+            "angle, rad, 90 %": np.percentile(errors, 90),
+        }
+    )
+    assert main(["score", str(folder), "--predictions", str(file)]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == f"offset, cm        {scores['offset, cm']:.3f}"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda poses: poses[1:], "expected a line for each picture of the split, got none for {first}"),
+        (lambda poses: [*poses, poses[0]], "expected each picture once, got {first} again in line {after}"),
+        (lambda poses: [poses[0] | {"d": None}], "line 1: d: expected a finite number, got None"),
+        (lambda poses: [poses[0], poses[1] | {"phi": float("nan")}], "line 2: phi: expected a finite number, got nan"),
+        (lambda poses: [poses[0] | {"number": -1}], "line 1: number: expected that of a picture of the split, got -1"),
+        (lambda poses: [{"d": 0}], "line 1: expected a table with number, d and phi, got {{'d': 0}}"),
+    ],
+)
+def test_a_wrong_lane_pose_is_named_by_its_line(change, message, views, tmp_path):
+    folder, poses = views
+    expected = message.format(first=poses[0]["number"], after=len(poses) + 1)
+    with pytest.raises(InputError) as caught:
+        score_predictions(folder, write_poses(tmp_path, change(poses)))
+    assert str(caught.value) == f"predictions: {expected}"
+
+
+def test_lane_poses_need_views_of_robots_and_lines_of_json(views, dataset, tmp_path):
+    with pytest.raises(InputError, match="^predictions: expected a folder of labels, or a dataset of robots' views"):
+        score_predictions(dataset, write_poses(tmp_path, views[1]))
+    (tmp_path / "poses.jsonl").write_bytes(b"\xff\n")
+    with pytest.raises(InputError, match="^predictions: line 1: expected a table with .*, got no JSON$"):
+        score_predictions(views[0], tmp_path / "poses.jsonl")
 
 
 @pytest.fixture(scope="module")
