@@ -321,6 +321,9 @@ WRONG = {
     "fitness: expected features that are measured, got 'signable'; weights={'signable': 0} measures": lambda: evolve(
         0, (4, 4), evaluations=50, fitness=lambda features: features["signable"]
     ),
+    "fitness: expected features that are measured, got 'crosings'; is it crossings?": lambda: evolve(
+        0, (4, 4), evaluations=50, fitness=lambda features: features["crosings"]
+    ),
     "moves: stairs: expected a weight and a Move, got Move(": lambda: evolve(
         0, (4, 4), evaluations=50, moves={"stairs": make_move("link")}
     ),

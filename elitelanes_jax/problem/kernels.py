@@ -16,13 +16,19 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, function_of
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.problem.features import TOWN_FEATURES, check_features, columns_for, with_shares
+from elitelanes_jax.problem.features import (
+    SHARES,
+    TOWN_FEATURES,
+    check_features,
+    columns_for,
+    with_shares,
+)
 
 if TYPE_CHECKING:
     from jax.extend import core
@@ -102,10 +108,12 @@ def check_fitness(
         result = _trace_shapes("fitness", "it", apply, grids, features, usual)
     except KeyError as error:
         (name, *_) = error.args or ("",)
+        known = (*feature_names, *SHARES)
+        is_town = name in TOWN_FEATURES
+        hint = f"weights={{{name!r}: 0}} measures it" if is_town else suggest(name, known)
         # Any other key is that of a mapping of the user's.
-        if name not in TOWN_FEATURES or name in feature_names:
+        if name in known or not hint:
             raise
-        hint = f"weights={{{name!r}: 0}} measures it"
         raise InputError("fitness", "features that are measured", repr(name), hint) from None
     is_scalar = getattr(result, "shape", None) == (1,)
     if not is_scalar or not jnp.issubdtype(result.dtype, jnp.number) or result.dtype.kind == "c":
