@@ -129,8 +129,7 @@ def _drive(options: argparse.Namespace) -> int:
     reached, count = int(rides.success.sum()), len(rides.success)
     # A ride has 30 steps per second.
     driven = f"{rides.steps.sum() / 30:.1f} s driven"
-    # A ride ends at its goal, off the road, or at the limit of time.
-    left = int((~rides.success & (rides.steps < rides.x.shape[1] - 1)).sum())
+    left = int(rides.off_road.sum())
     off_road = f"{pluralize(left, 'ride')} left the road, " if left else ""
     say(f"{reached} of {count} goals reached, {off_road}{driven}, in {options.out}")
     return 0

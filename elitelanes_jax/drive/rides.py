@@ -78,6 +78,7 @@ class Rides(NamedTuple):
       theta: float32 ``[N, steps + 1]``, radians counter-clockwise from east.
       steps: int ``[N]``, thirtieths of a second until the end.
       success: bool ``[N]``, the goal was reached.
+      off_road: bool ``[N]``, the robot left the road, or its lane ended at a dead end.
     """
 
     levels: Level
@@ -86,6 +87,7 @@ class Rides(NamedTuple):
     theta: NDArray[np.float32]
     steps: NDArray[np.int32]
     success: NDArray[np.bool_]
+    off_road: NDArray[np.bool_]
 
 
 @name_wrong_arguments
@@ -169,6 +171,7 @@ def _drive(policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
     poses = np.repeat(first_poses[:, :, None], steps + 1, axis=2)
     lengths = np.zeros(count, np.int32)
     success = np.zeros(count, bool)
+    off_road = np.zeros(count, bool)
     is_over = np.zeros(count, bool)
     actions = np.zeros((count, 2), np.float32)
     driver = None if callable(policy) else policy
@@ -186,12 +189,14 @@ def _drive(policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
         observations = transitions.observation
         states = transitions.state
         # One transfer for all that the loop reads.
-        pose, reaches_goal, ends = jax.device_get(
-            (states.pose, transitions.info.success, transitions.terminated)
+        info = transitions.info
+        pose, reaches_goal, leaves_road, ends = jax.device_get(
+            (states.pose, info.success, info.off_road, transitions.terminated)
         )
         is_driving = ~is_over
         poses[is_driving, :, step:] = np.stack(pose, axis=1)[is_driving, :, None]
         success |= reaches_goal & is_driving
+        off_road |= leaves_road & is_driving
         lengths += is_driving
         is_over |= ends
     return Rides(
@@ -201,6 +206,7 @@ def _drive(policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
         theta=poses[:, 2],
         steps=lengths,
         success=success,
+        off_road=off_road,
     )
 
 

@@ -51,6 +51,14 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
         make_rides([[2, 8]])
 
 
+def test_a_ride_that_leaves_the_road_in_its_last_step_is_counted():
+    long, short = (make_rides(GRID, 8, policy="random", seconds=seconds) for seconds in (2, 0.8))
+    ends_there = long.off_road & (long.steps == 24)
+    assert ends_there.any() and short.off_road[ends_there].all()
+    np.testing.assert_array_equal(short.off_road, long.off_road & (long.steps <= 24))
+    assert not (long.off_road & long.success).any()
+
+
 # Only slow tests compile as users do. The quick programs of all other tests add no product in one instruction.
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", ["route", "random"])
@@ -207,13 +215,14 @@ def test_a_ride_that_has_ended_stays_there_and_reaches_no_goal(monkeypatch):
     ended, reached = np.array([[True, False], [True, True]]), np.array([[False, False], [True, False]])
 
     def go(keys, step, states, *_):
-        info = SimpleNamespace(success=reached[step - 1])
+        info = SimpleNamespace(success=reached[step - 1], off_road=ended[step - 1] & ~reached[step - 1])
         states = states._replace(pose=states.pose._replace(x=states.pose.x + 1))
         return SimpleNamespace(observation=None, state=states, info=info, terminated=ended[step - 1])
 
     monkeypatch.setattr("elitelanes_jax.drive.rides._go", go)
     made = make_rides(GRID, 2, seconds=2 / 30)
     assert made.success.tolist() == [False, False] and made.steps.tolist() == [1, 2]
+    assert made.off_road.tolist() == [True, True]
     np.testing.assert_allclose(np.diff(made.x, axis=1), [[1, 0], [1, 1]], atol=1e-6)
 
 
