@@ -34,7 +34,9 @@ def test_a_result_writes_what_generate_writes(key, tmp_path):
     write_result(result, tmp_path / "out", 1, force=True, tile_px=16)
     with pytest.raises(NotEnoughMapsError, match=r"; at_most=True writes those found; more seeds find more$"):
         write_result(result, tmp_path / "none", 10_000)
-    with pytest.raises(NotEnoughMapsError, match="; wider ranges, more seeds or evaluations find more$"):
+    with pytest.raises(
+        NotEnoughMapsError, match=r"; a wider range than crossings=20\.\., more seeds or evaluations find more$"
+    ):
         write_result(result, tmp_path / "none", 10_000, where="crossings=20..")
     with pytest.raises(InputError, match="tile: expected one of .* is it tiles?"):
         write_result(result, tmp_path / "none", maps=1, tile=1)

@@ -140,7 +140,7 @@ def _add_floor(command: argparse.ArgumentParser) -> None:
         type=checked_by(_PIXEL),
         nargs=8,
         action="append",
-        metavar="X",
+        metavar=("X", "Y") * 4,
         help="the corners of the tiles in the photograph, roughly: x and y in pixels, clockwise "
         "from the top left one; by default they are found. Repeat it for each photograph",
     )

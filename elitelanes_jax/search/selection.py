@@ -15,7 +15,7 @@ from elitelanes_jax.network.likeness import ALIKE, RoadSet, road_forms
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
 from elitelanes_jax.problem.inventory import COUNTED
-from elitelanes_jax.problem.ranges import satisfies
+from elitelanes_jax.problem.ranges import Range, satisfies
 from elitelanes_jax.problem.rules import OFF_ALPHABET, map_constraints
 from elitelanes_jax.problem.targets import ExampleValues, SupportPoints
 from elitelanes_jax.search.records import MeasuredElites
@@ -47,12 +47,14 @@ class Choice(NamedTuple):
       found: the number of elites.
       rejected: the number of elites that violate a constraint, by reason.
       alike: the number of elites with the same roads as another elite or an excluded map.
+      narrowest: of the ranges that elites are outside of, the one that rejects most.
     """
 
     maps: list[RoadMap]
     found: int
     rejected: dict[str, int]
     alike: int
+    narrowest: Range | None = None
 
     def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
         """Returns how many of the `wanted` maps were found, and why not more.
@@ -75,12 +77,15 @@ class Choice(NamedTuple):
 
     def hint(self, search: Search) -> str:
         """Returns what finds more maps with a search."""
-        if _OUTSIDE in self.rejected:
-            wider = "wider ranges, more seeds or evaluations"
-            # The user may not know of the range that the style asks for.
-            if search.settings.style == "town" and CROSSING in search.ranges:
-                return f"where crossings=0.., which allows rings, {wider}"
-            return wider
+        if self.narrowest is not None:
+            # The user may not know of the ranges that a style or an inventory asks for.
+            if self.narrowest == CROSSING and search.settings.style == "town":
+                wider = "where crossings=0.., which allows rings"
+            elif self.narrowest in search.settings.where:
+                wider = f"a wider range than {self.narrowest}"
+            else:
+                wider = f"more {self.narrowest.name} in the inventory"
+            return f"{wider}, more seeds or evaluations"
         if search.settings.method == "ea":
             # The population becomes more alike with time.
             return "more seeds"
@@ -129,9 +134,10 @@ def choose_maps(
     # The fitness only steers towards the constraints. An elite may violate them, so each elite is
     # checked exactly.
     useful, rejected = without_flaws(valid.ravel(), metrics, search)
-    in_ranges = satisfies(metrics, search.ranges)
-    rejected[_OUTSIDE] = int((useful & ~in_ranges).sum())
-    useful &= in_ranges
+    outside = useful & ~satisfies(metrics, search.ranges)
+    rejected[_OUTSIDE] = int(outside.sum())
+    narrowest = _narrowest(search.ranges, outside, metrics)
+    useful &= ~outside
 
     # A search for maps like examples may find the examples themselves.
     examples = [np.array(grid, np.int8) for grid in search.settings.like]
@@ -171,7 +177,17 @@ def choose_maps(
         found=int(valid.sum()),
         rejected=reasons,
         alike=int(useful.sum()) - len(distinct),
+        narrowest=narrowest,
     )
+
+
+def _narrowest(
+    ranges: Sequence[Range], outside: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]]
+) -> Range | None:
+    """Returns the range that most elites outside the ranges are outside of; None without any."""
+    if not outside.any():
+        return None
+    return max(ranges, key=lambda item: int((outside & ~satisfies(metrics, [item])).sum()))
 
 
 class _Candidates(NamedTuple):

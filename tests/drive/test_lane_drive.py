@@ -51,6 +51,26 @@ def test_the_robot_drives_the_arc_of_its_wheels():
         assert wheels.speed == pytest.approx((left + right) / 2, abs=1e-5)
 
 
+def test_steps_have_the_gradients_of_finite_differences(params):
+    _, start = LaneDrive.reset(jax.random.key(0), params)
+
+    @jax.jit
+    def loss(actions):
+        state = start
+        for action in actions:
+            state = LaneDrive.step(jax.random.key(1), state, action, params).state
+        return (state.pose.x - 1) ** 2 + (state.pose.y - 1.3) ** 2 + state.pose.theta
+
+    actions, small = jnp.full((2, 2), 0.3), 0.02
+    differences = [
+        (loss(actions.at[place].add(small)) - loss(actions.at[place].add(-small))) / (2 * small)
+        for place in np.ndindex(actions.shape)
+    ]
+    gradients = jax.jit(jax.grad(loss))(actions)
+    assert (jnp.abs(gradients) > 0.1).all()
+    np.testing.assert_allclose(gradients.ravel(), differences, atol=1e-3)
+
+
 # Only slow tests compile as users do. The quick programs of all other tests add no product in one instruction.
 @pytest.mark.slow
 @pytest.mark.parametrize("action", ["wheels", "twist"])

@@ -21,6 +21,7 @@ from elitelanes_jax.search import History, MeasuredElites
 from elitelanes_jax.search.records import RunState
 from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.search.selection import _spread
+from elitelanes_jax.search.style import CROSSING
 
 AXES = paper_axes((6, 6))
 
@@ -88,7 +89,7 @@ def test_a_result_hands_its_maps_over(evolved):
         assert "\n" not in repr(road_map) and repr(road_map).startswith("RoadMap(6 x 6, fitness ")
         assert measure(road_map.codes).turns == road_map.metrics["turns"]
     ranged = again(evolved, where="turns=100..")
-    with pytest.warns(UserWarning, match=r"^found 0 of 16 maps among \d+ elites \(.* outside the ranges\); wider "):
+    with pytest.warns(UserWarning, match=r"^found 0 of 16 .* outside the ranges\); a wider range than turns=100\.\., "):
         assert not ranged.maps()
     assert len(ranged.maps(where={"turns": (8, None)})) == 16
     alone = jax.tree.map(lambda array: array[1] if array.ndim else array, evolved.elites)
@@ -98,6 +99,21 @@ def test_a_result_hands_its_maps_over(evolved):
         evolved.maps(0)
     with pytest.raises(InputError, match="where 'turn=3': expected a metric"):
         evolved.maps(where="turn=3")
+
+
+def test_a_hint_names_the_range_that_rejects_most(evolved):
+    for where, wider in (
+        ("turns=1.. bridges=90..", "a wider range than bridges=90.."),
+        ("bridges=90.. turns=1..", "a wider range than bridges=90.."),
+    ):
+        narrow = again(evolved, where=where)
+        assert narrow.choose(4).hint(narrow.search).startswith(f"{wider}, ")
+    of_shelf = again(evolved, inventory={"straight": 9, "turn": 9, "crossing3": 9, "crossing4": 9}).search
+    straights = next(item for item in of_shelf.ranges if item.name == "straights")
+    choice = evolved.choose(4)._replace(narrowest=straights)
+    assert choice.hint(of_shelf).startswith("more straights in the inventory, ")
+    rings = choice._replace(narrowest=CROSSING)
+    assert rings.hint(again(evolved, style="town").search).startswith("where crossings=0.., which allows rings, ")
 
 
 def test_ranges_leave_the_axes_of_a_result_as_they_are():
