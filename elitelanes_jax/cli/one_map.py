@@ -10,6 +10,7 @@ from elitelanes_jax._util.checks import SEED, check_named, file_named, nonblank,
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, never_replacing
 from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.progress import announce
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
 from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import RoadMap, read_map
@@ -90,7 +91,13 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.maps.folder import foreign_to_picture
     from elitelanes_jax.tiles.object_set import load_objects
-    from elitelanes_jax.tiles.rendering import overlay, render, write_picture, write_png
+    from elitelanes_jax.tiles.rendering import (
+        describe_other_pictures,
+        overlay,
+        render,
+        write_picture,
+        write_png,
+    )
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
@@ -107,6 +114,9 @@ def _render(options: argparse.Namespace) -> int:
         # The faults that are announced below are those of the map as it is drawn.
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     warn_of_faults(str(options.map), road_map)
+    # With a seed the pictures are chosen anew in any case.
+    if options.seed is None and (line := describe_other_pictures(road_map, tiles)):
+        announce(f"{options.map}: {line}")
     # An error of drawing does not name the map's file.
     with naming(options.map):
         picture = render(

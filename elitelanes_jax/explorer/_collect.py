@@ -1,7 +1,8 @@
 """Collects the contents of the explorer: folders of runs, archives, maps, results in memory."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard
 
@@ -22,7 +23,7 @@ from elitelanes_jax.explorer._shown import (
 )
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
-from elitelanes_jax.tiles.rendering import first_undrawn
+from elitelanes_jax.tiles.rendering import describe_other_pictures, first_undrawn
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 if TYPE_CHECKING:
@@ -160,28 +161,32 @@ def _announce_lost_tiles(runs: Sequence[ShownRun]) -> None:
 
 
 def _load_tiles(tiles: str | Path | TileSet | None, runs: Sequence[ShownRun]) -> TileSet:
-    """Loads the tile set of the page, and announces a cell that it has no picture of."""
-    tile_set = tiles if isinstance(tiles, TileSet) else load_tiles(tiles)
-    _announce_undrawn(runs, tile_set)
-    return tile_set
-
-
-def _announce_undrawn(runs: Sequence[ShownRun], tile_set: TileSet) -> None:
-    """Announces the first cell of a chosen map that a tile set has no picture of.
+    """Loads the tile set of the page, and announces what it does not show of the chosen maps.
 
     Other elites are not looked at. A search also keeps invalid maps, which may have any codes.
     """
+    tile_set = tiles if isinstance(tiles, TileSet) else load_tiles(tiles)
+    for describe in (_describe_undrawn, describe_other_pictures):
+        _announce_first(runs, partial(describe, tiles=tile_set))
+    return tile_set
+
+
+def _announce_first(runs: Sequence[ShownRun], describe: Callable[[RoadMap], str]) -> None:
+    """Announces the line about the first chosen map that has one."""
     for run in runs:
         for _, name, road_map in run.maps:
-            undrawn = first_undrawn(road_map.codes, tile_set)
-            if undrawn is not None:
+            if line := describe(road_map):
                 # The chosen maps of a run are in its folder.
-                source = f"{run.name}/maps/{name}" if run.record else name
-                announce(
-                    f"{source}: the tile set {tile_set.name!r} has no picture of {undrawn[1]}; "
-                    "such cells stay empty"
-                )
+                announce(f"{run.name}/maps/{name}: {line}" if run.record else f"{name}: {line}")
                 return
+
+
+def _describe_undrawn(road_map: RoadMap, tiles: TileSet) -> str:
+    """Returns a line about the first cell of a map that a tile set has no picture of, or ""."""
+    undrawn = first_undrawn(road_map.codes, tiles)
+    if undrawn is None:
+        return ""
+    return f"the tile set {tiles.name!r} has no picture of {undrawn[1]}; such cells stay empty"
 
 
 def _run_folders(folder: Path) -> list[Path]:

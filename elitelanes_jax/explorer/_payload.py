@@ -176,7 +176,10 @@ def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
     """Returns each tile picture once, and whether the page blends them."""
     pictures: list[dict[str, Plain]] = []
     for tile, layers in zip(tiles.pictures, _layers(tiles, tile_px), strict=True):
-        pictures.append({"name": tile.name, "code": int(tile.code)} | layers)
+        about = {"name": tile.name, "code": int(tile.code)}
+        # The bare ground of empty cells has no digest.
+        digest = tiles.picture_digests.get(tile.name)
+        pictures.append(about | ({"digest": digest} if digest else {}) | layers)
     # `render` compares the light of blended tiles at this size, so the page needs their pictures at
     # it.
     if tiles.blend and tile_px != COMPARED_PX:

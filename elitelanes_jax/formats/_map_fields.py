@@ -18,11 +18,13 @@ class Drawn(NamedTuple):
       tile_set: the name of the set.
       tiles: names ``[H][W]``.
       quarter_turns: ints ``[H][W]``, counter-clockwise.
+      digests: a digest of each tile's picture, by the name of the tile; None if they are not known.
     """
 
     tile_set: str
     tiles: list[list[str]]
     quarter_turns: list[list[int]]
+    digests: dict[str, str] | None = None
 
 
 def plain_value(value: UserValue) -> Plain:
@@ -69,9 +71,12 @@ def is_table(rows: Plain, fits: Callable[[Plain], bool]) -> bool:
 
 
 def _is_drawn(value: Plain) -> bool:
-    if not isinstance(value, dict) or set(value) != set(Drawn._fields):
+    if not isinstance(value, dict) or set(value) | {"digests"} != set(Drawn._fields):
         return False
-    if not isinstance(value["tile_set"], str):
+    digests = value.get("digests")
+    if not isinstance(value["tile_set"], str) or not isinstance(digests, dict | None):
+        return False
+    if not all(map(_is_text, (*(digests or {}), *(digests or {}).values()))):
         return False
     return is_table(value["tiles"], _is_text) and is_table(value["quarter_turns"], _is_quarter_turn)
 
@@ -119,5 +124,5 @@ FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "niche": (_are_whole, "whole numbers"),
     "seed": (_are_two_whole, "two whole numbers"),
     "unsure": (_are_cells, "a list of cells, each a row and a column"),
-    "drawn": (_is_drawn, f"a record of {', '.join(Drawn._fields)}, turns 0 to 3"),
+    "drawn": (_is_drawn, "a record of tile_set, tiles, quarter_turns, turns 0 to 3"),
 }

@@ -175,7 +175,8 @@ def map_to_json(road_map: UserValue) -> str:
         if value is not None:
             values[name] = value
     if road_map.drawn:
-        values["drawn"] = road_map.drawn._asdict()
+        known = road_map.drawn._asdict().items()
+        values["drawn"] = {name: value for name, value in known if value is not None}
     if road_map.objects is not None:
         values["objects"] = [object_values(item) for item in road_map.objects]
     return _json_lines(values, "") + "\n"

@@ -18,13 +18,19 @@ from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, side_by_side
-from elitelanes_jax.formats.road_map import Drawn, RoadMap
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.faults import announce_without_room
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, pin_signs
-from elitelanes_jax.tiles.rendering import choose_tiles, render, write_picture, write_png
+from elitelanes_jax.tiles.rendering import (
+    choose_tiles,
+    record_choice,
+    render,
+    write_picture,
+    write_png,
+)
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 ARCHIVE = "archive.npz"
@@ -119,10 +125,7 @@ def _draw_map(
     # The seed and the index of the map choose the pictures, so the order of the threads does not
     # matter.
     chosen = choose_tiles(plain.codes, tiles, [drawing.seed, index])
-    names = []
-    for row in chosen:
-        names.append([tiles.pictures[tile].name for tile, _ in row])
-    road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
+    road_map = replace(plain, drawn=record_choice(tiles, chosen))
     map_folder = folder / f"{index:04d}"
     map_folder.mkdir(parents=True)
     write_picture(map_folder, render(plain, tiles, tile_px=drawing.tile_px, chosen=chosen))

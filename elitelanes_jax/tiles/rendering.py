@@ -27,7 +27,7 @@ from elitelanes_jax._util.checks import (
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
-from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, as_map
 from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles._blend import Equations, feather, lay_toned, solve_tones
@@ -286,14 +286,27 @@ def check_tile_px(tile_px: UserValue) -> int:
     return int(tile_px)
 
 
+def record_choice(tiles: TileSet, chosen: NDArray[np.int_]) -> Drawn:
+    """Returns the record of a choice of tiles that `choose_tiles` made."""
+    names = [[tiles.pictures[tile].name for tile, _ in row] for row in chosen]
+    # The bare ground of empty cells is the same in all sets.
+    used = sorted({name for row in names for name in row} & tiles.picture_digests.keys())
+    digests = {name: tiles.picture_digests[name] for name in used}
+    return Drawn(tiles.name, names, chosen[..., 1].tolist(), digests)
+
+
 def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
     """Returns the choice of tiles that a map was drawn with, as `choose_tiles` makes it.
 
-    Returns None if it was drawn with another set or not at all, the set lacks a tile, or a tile
-    does not show its cell's code.
+    Returns None if it was drawn with another set or not at all, the set lacks a picture, or a tile
+    does not show its cell's code. A set may have another name, or more tiles, than the map's.
     """
     drawn = road_map.drawn
-    if drawn is None or drawn.tile_set != tiles.name:
+    if drawn is None:
+        return None
+    if drawn.digests is None and drawn.tile_set != tiles.name:
+        return None
+    if not (drawn.digests or {}).items() <= tiles.picture_digests.items():
         return None
     grid, names, turns = road_map.codes, np.array(drawn.tiles), np.array(drawn.quarter_turns)
     if not names.shape == turns.shape == grid.shape:
@@ -303,6 +316,17 @@ def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
         return None
     chosen = np.stack([np.vectorize(indices.__getitem__)(names), turns], axis=-1)
     return chosen if _misfits(grid, tiles, chosen).size == 0 else None
+
+
+def describe_other_pictures(road_map: RoadMap, tiles: TileSet) -> str:
+    """Returns a line about a set that lacks pictures of a map, but has the name of the map's set.
+
+    Returns "" if it has them, or another name.
+    """
+    drawn = road_map.drawn
+    if drawn is None or drawn.tile_set != tiles.name or recall_choice(road_map, tiles) is not None:
+        return ""
+    return f"the tile set {tiles.name!r} has other pictures now; they are chosen anew"
 
 
 def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray[np.int_]:

@@ -170,6 +170,18 @@ class TileSet:
                     digest.update(np.ascontiguousarray(layer).tobytes())
         return digest.hexdigest()[:16]
 
+    @cached_property
+    def picture_digests(self) -> dict[str, str]:
+        """A digest of the picture of each tile, by the tile's name; masks have no part in it."""
+        digests = {}
+        for tile in self.tiles:
+            digest = sha256(repr(tile.image.shape).encode())
+            for layer in (tile.image, tile.opaque):
+                if layer is not None:
+                    digest.update(np.ascontiguousarray(layer).tobytes())
+            digests[tile.name] = digest.hexdigest()[:16]
+        return digests
+
     def to_plain(self) -> dict[str, Plain]:
         """Returns all that pictures of maps depend on, as plain values for JSON.
 

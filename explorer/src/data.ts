@@ -19,6 +19,8 @@ interface Layers {
 interface PictureValues extends Layers {
   readonly name: string;
   readonly code: number;
+  /** A digest of the picture; the ground of empty cells has none. */
+  readonly digest?: string;
   /** The picture as light is compared, if it differs in size. */
   readonly compared?: Layers;
 }

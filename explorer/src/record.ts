@@ -31,6 +31,13 @@ function known(run: Run, elite: number): Record<string, unknown> {
   };
 }
 
+/** Returns the digests of the pictures of a map by their names, sorted as Python sorts them. */
+function digestsOf(pictures: readonly number[], data: Data): Record<string, string> {
+  const used = [...new Set(pictures.map((picture) => data.tiles.pictures[picture >> 2]))];
+  const named = used.flatMap(({ name, digest }) => (digest === undefined ? [] : [[name, digest] as const]));
+  return Object.fromEntries(named.sort(([a], [b]) => (a < b ? -1 : 1)));
+}
+
 /** Returns the fields of an elite's map file beside its codes. */
 export function mapFields(run: Run, elite: number, data: Data): Record<string, unknown> {
   const pictures = picturesOf(run, elite);
@@ -43,6 +50,7 @@ export function mapFields(run: Run, elite: number, data: Data): Record<string, u
         tile_set: data.tiles.name,
         tiles: table((picture) => data.tiles.pictures[picture >> 2].name),
         quarter_turns: table((picture) => picture & 3),
+        digests: digestsOf(pictures, data),
       },
     }),
   };

@@ -8,9 +8,15 @@ import pytest
 from folders import read_picture
 
 from elitelanes_jax import InputError, RoadMap, render, repair, rotate
-from elitelanes_jax.formats.road_map import Drawn, map_to_json
+from elitelanes_jax.formats.road_map import map_to_json, read_map
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles
-from elitelanes_jax.tiles.rendering import png_of, recall_choice, scale_tiles
+from elitelanes_jax.tiles.rendering import (
+    describe_other_pictures,
+    png_of,
+    recall_choice,
+    record_choice,
+    scale_tiles,
+)
 from elitelanes_jax.tiles.tileset import default_tiles
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
@@ -125,8 +131,7 @@ def test_an_overlay_colours_each_label(drawn_tiles):
 def drawn_map(drawn_tiles):
     """A map, and the tiles that it was drawn with."""
     chosen = choose_tiles(GRID, drawn_tiles, seed=3)
-    names = [[drawn_tiles.tiles[index].name for index, _ in row] for row in chosen]
-    return RoadMap(GRID, drawn=Drawn(drawn_tiles.name, names, chosen[..., 1].tolist())), chosen
+    return RoadMap(GRID, drawn=record_choice(drawn_tiles, chosen)), chosen
 
 
 def test_tiles_are_recalled_where_they_still_fit(drawn_tiles, drawn_map):
@@ -138,6 +143,35 @@ def test_tiles_are_recalled_where_they_still_fit(drawn_tiles, drawn_map):
     cut = SimpleNamespace(codes=GRID[:2], drawn=road_map.drawn)
     for grid, tile_set in ((turned, drawn_tiles), (cut, drawn_tiles), (road_map, fewer), (road_map, other)):
         assert recall_choice(grid, tile_set) is None
+
+
+def test_pictures_are_recalled_by_what_they_show(drawn_tiles, drawn_map, tmp_path):
+    road_map, chosen = drawn_map
+    # The set may have another name, other masks and more tiles, as long as it has these pictures.
+    first, *others = drawn_tiles.tiles
+    more = first._replace(name=f"{first.name}0")
+    masked = first._replace(yellow=np.zeros_like(first.yellow))
+    renamed = TileSet("other", "", (masked, *others, more))
+    np.testing.assert_array_equal(recall_choice(road_map, renamed), chosen)
+    assert describe_other_pictures(road_map, renamed) == ""
+    # Under the same names, another cut has other pictures.
+    used = drawn_tiles.tiles[chosen[0, 0, 0]]
+    darker = used._replace(image=used.image // 2)
+    tiles = tuple(darker if tile is used else tile for tile in drawn_tiles.tiles)
+    recut = TileSet(drawn_tiles.name, "", tiles)
+    assert recall_choice(road_map, recut) is None
+    assert describe_other_pictures(road_map, recut).startswith(f"the tile set {drawn_tiles.name!r} has other pictures")
+    assert describe_other_pictures(RoadMap(GRID), recut) == ""
+    # Map files without digests name the set alone.
+    unknown = replace(road_map, drawn=road_map.drawn._replace(digests=None))
+    assert recall_choice(unknown, recut) is not None and recall_choice(unknown, renamed) is None
+    for one in (road_map, unknown):
+        one.save(tmp_path / "map.json")
+        assert read_map(tmp_path / "map.json").drawn == one.drawn
+    for wrong in ([], {"turn_1": 7}):
+        with pytest.raises(InputError) as caught:
+            replace(road_map, drawn=road_map.drawn._replace(digests=wrong))
+        assert caught.value.subject == "drawn"
 
 
 def test_what_has_no_picture_is_named(drawn_tiles):

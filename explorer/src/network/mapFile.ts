@@ -119,7 +119,9 @@ const isCell = (value: Json): boolean =>
 const isTurns = (value: Json): boolean => typeof value === "number" && value >= 0 && value < 4;
 
 function isDrawn(value: Json): boolean {
-  if (!isTable(value) || value.size !== 3 || !value.has("tile_set")) return false;
+  if (!isTable(value) || !value.has("tile_set") || value.size !== (value.has("digests") ? 4 : 3)) return false;
+  const digests = value.get("digests") ?? null;
+  if (digests !== null && !(isTable(digests) && [...digests.values()].every(isText))) return false;
   const [tiles, turns] = [value.get("tiles") ?? null, value.get("quarter_turns") ?? null];
   return isText(value.get("tile_set")!) && listOf(listOf(isText))(tiles) && listOf(listOf(isTurns))(turns);
 }
