@@ -363,17 +363,17 @@ def ends_as_file(file: Path) -> bool:
 
 
 def file_named(suffix: str) -> Check[Path]:
-    """Makes a check for the path of a file to write.
+    """Makes a check for the path of a file to write, which has this suffix.
 
-    The path has this suffix, or no suffix of another format.
+    A pipe or a device may have any name.
     """
 
     def check(value: UserValue) -> Path:
         file = path(value)
-        if ends_as_file(file) and file.suffix.lower() != suffix:
-            raise InputError("", f"a name that ends in {suffix}", file)
         if is_folder(file):
             raise InputError("", "a file", f"a folder, {file}")
+        if file.suffix.lower() != suffix and (file.is_file() or not file.exists()):
+            raise InputError("", f"a name that ends in {suffix}", file)
         return file
 
     return check

@@ -51,8 +51,8 @@ class Submission(NamedTuple):
         """Writes a raw archive as an ``.npz``. A board takes archives of `LEAST_RUNS` runs or more.
 
         Raises:
-          InputError: if the grids do not fit the task, for another type or track, or a file with
-            the suffix of another format.
+          InputError: if the grids do not fit the task, for another type or track, or a file whose
+            name does not end in .npz.
         """
         out = check_named("file", file_named(".npz"), file)
         grids = _checked_grids(self, str(file))

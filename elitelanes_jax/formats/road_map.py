@@ -115,7 +115,7 @@ class RoadMap:
         An existing file is replaced. After an error it is unchanged.
 
         Raises:
-          InputError: if the name has the suffix of another format, such as .yaml.
+          InputError: if the name does not end in .json.
           OSError: if the file cannot be written.
         """
         write_atomic(check_named("file", file_named(".json"), file), map_to_json(self).encode())

@@ -229,13 +229,13 @@ class Result:
         The file has arrays as NumPy's ``.npz``, and options as JSON in it.
 
         Args:
-          path: the file, ``.npz`` or without a suffix; an existing file is replaced.
+          path: the file, ``.npz``; an existing file is replaced.
           state: whether to write the state and the measured speeds too. Without them equal searches
             give equal bytes.
           seed: the seed that the keys were made from, to be noted in the file.
 
         Raises:
-          InputError: if the name has the suffix of another format, such as .json, or your own
+          InputError: if the name does not end in .npz, or your own
             optimiser's state has leaves that are not arrays of numbers.
           OSError: that names the file, if it cannot be written.
         """

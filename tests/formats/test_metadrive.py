@@ -88,4 +88,6 @@ def test_scenarios_are_sane_and_all_cars_follow_their_logs_to_the_end(streets, t
         assert line["crashes"] == 0 and line["aside"] < 1e-3, line["name"]
         assert line["cars"] > 1 and line["steps"] > 10, line["name"]
     if streets == Streets():
-        assert {line["steps"] for line in lines} == {90}
+        # In a small town the car comes back to where it was, and the scenario ends before.
+        steps = [line["steps"] for line in lines]
+        assert max(steps) == 90 and steps.count(90) > 0.9 * len(steps)
