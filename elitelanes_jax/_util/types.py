@@ -9,10 +9,13 @@ UserValue: TypeAlias = object
 """A user's value, from Python, the command line or a file. The function that takes it checks it."""
 
 OptionValue: TypeAlias = Any
-"""The checked value of an option. Its type depends on the option's name, which is a variable."""
+"""The checked value of an option or a field. Its type depends on a name, which is a variable."""
 
-Plain: TypeAlias = Any
-"""A value of JSON, YAML or TOML. The function that reads it checks its type."""
+Plain: TypeAlias = object
+"""A value of JSON, YAML or TOML. The function that reads it checks its type.
+
+A table of known fields has a `TypedDict` instead.
+"""
 
 AnyArray: TypeAlias = Annotated[Any, "an array"]
 """An array of NumPy or JAX, or rows of numbers.

@@ -95,7 +95,7 @@ def make_payload(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: 
     blob = _Blob()
     # A map of this size needs a random number for each of its cells.
     cells = max(run.grids[0].size for run in runs)
-    values = {
+    values: dict[str, Plain] = {
         "format": _FORMAT,
         "version": __version__,
         "title": title,
@@ -218,13 +218,12 @@ def _object_values() -> dict[str, Plain]:
     """
     by_kind: dict[str, Plain] = {}
     for kind, pictures in load_objects().kinds.items():
-        by_kind[kind] = []
+        shown: list[dict[str, Plain]] = []
         for picture in pictures:
             image = _data_url(picture.top)
             # Height and footprint tell the page how large to draw the picture.
-            by_kind[kind].append(
-                {"image": image, "height": picture.height, "footprint": picture.footprint}
-            )
+            shown.append({"image": image, "height": picture.height, "footprint": picture.footprint})
+        by_kind[kind] = shown
     return {
         "kinds": dict(OBJECT_KINDS),
         "tags": dict(SIGN_TAGS),

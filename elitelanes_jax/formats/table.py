@@ -8,10 +8,10 @@ import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, text_name
-from elitelanes_jax._util.types import AnyArray, Numeric, Plain
+from elitelanes_jax._util.types import AnyArray, Numeric, OptionValue
 from elitelanes_jax.network.plain_metrics import plain_measure
 
-Row = dict[str, Plain]
+Row = dict[str, OptionValue]
 """The measurements of a map.
 
 These are its name, `file`, its `height` and `width` in tiles, and its metrics, which are numbers.

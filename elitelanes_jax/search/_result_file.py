@@ -185,7 +185,7 @@ def _read_settings(
 
 
 def _parse_settings(
-    settings: Plain, shape: tuple[int, int]
+    settings: dict[str, Plain], shape: tuple[int, int]
 ) -> tuple[Search, Config | None, tuple[tuple[str, str], ...], int | None]:
     search = search_from_plain(settings["search"], shape)
     # The file has the axes of its niches, whatever axes the preset has in this version.
@@ -196,9 +196,9 @@ def _parse_settings(
     if config is not None and find_preset(config)[0] != search.settings.method:
         raise InputError("config", f"one of {search.settings.method}", type(config).__name__)
     seed = settings["seed"]
-    if seed is not None and not is_whole(seed):
-        raise InputError("seed", "a whole number", repr(seed))
-    return replace(search, axes=axes), config, _read_functions(settings), seed
+    if seed is None or is_whole(seed):
+        return replace(search, axes=axes), config, _read_functions(settings), seed
+    raise InputError("seed", "a whole number", repr(seed))
 
 
 def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:
