@@ -3,7 +3,13 @@
 The package has no other `Any`.
 """
 
-from typing import Annotated, Any, TypeAlias
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import jax
 
 UserValue: TypeAlias = object
 """A user's value, from Python, the command line or a file. The function that takes it checks it."""
@@ -23,8 +29,27 @@ AnyArray: TypeAlias = Annotated[Any, "an array"]
 A function of it returns an array of the same library.
 """
 
-Numeric: TypeAlias = Annotated[Any, "a number"]
-"""A number, an array of numbers, or a tracer of `jax.jit` or `jax.vmap`."""
+# A type checker sees the types of JAX. At run time they are left out, so that the command line
+# starts without JAX, and `name_wrong_arguments` reads the words of the annotation.
+if TYPE_CHECKING:
+    Numeric: TypeAlias = float | np.number | np.bool_ | np.ndarray | jax.Array
+    Numbers: TypeAlias = Sequence[Numeric] | np.ndarray | jax.Array
+    WholeT = TypeVar("WholeT", int, np.ndarray, jax.Array)
+else:
+    Numeric = Annotated[Any, "a number"]
+    """A number, an array of numbers, or a tracer of `jax.jit` or `jax.vmap`."""
+
+    Numbers = Annotated[Any, "numbers"]
+    """Several numbers, such as a colour: a sequence of `Numeric`, or an array."""
+
+    WholeT = TypeVar("WholeT")
+    """A whole number, or an integer array of NumPy or JAX: the same for arguments and result."""
+
+Whole: TypeAlias = Annotated[Any, "a number"]
+"""A field of a `NamedTuple`: a whole number, or an integer array of NumPy or JAX.
+
+All fields of a record have the same type. Beartype supports no generic named tuple that says so.
+"""
 
 Pytree: TypeAlias = Any
 """A pytree of arrays, such as a state or an observation.

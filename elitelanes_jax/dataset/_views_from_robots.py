@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Plain, Pytree
+from elitelanes_jax._util.types import OptionValue, Plain, Pytree
 from elitelanes_jax.dataset._samples import Sample, SampleSettings, choose_pictures, describe
 from elitelanes_jax.dataset._transforms import Transforms
 from elitelanes_jax.dataset._variation import compress, vary_motion
@@ -196,7 +196,9 @@ def _pack_objects(objects: ObjectSet) -> PackedObjects:
 def _vary(camera: LaneCamera, transforms: Transforms, *, is_wide: bool) -> Variation:
     """Returns what varies between views. A range of 0 leaves its step out."""
     poses = {name: getattr(camera, name) for name in PoseRanges.options()}
-    looks = {name: value or None for name, value in transforms.values().items()}
+    looks: dict[str, OptionValue] = {
+        name: value or None for name, value in transforms.values().items()
+    }
     if is_wide:
         looks |= dict.fromkeys(("blur", "motion", "noise"))
     known = {name: value for name, value in looks.items() if name in Variation.options()}

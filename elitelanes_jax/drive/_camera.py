@@ -392,8 +392,9 @@ def render_view(
             jnp.where(inside, (pixel >> (8 * channel) & 255).astype(jnp.float32), around)
             * camera.light
         )
-        if noise_seed is not None:
-            colour += camera.noise * hash_normal(fork(noise_seed, channel), colour.shape)
+        if noise_seed is not None and camera.noise is not None:
+            normals = hash_normal(fork(noise_seed, channel), colour.shape)
+            colour += jnp.multiply(camera.noise, normals)
         colours.append(jnp.clip(jnp.round(colour), 0, 255).astype(jnp.uint32))
     red, green, blue = colours
     # One word for each pixel is one loop. Bytes that are stacked are a loop for each, without the

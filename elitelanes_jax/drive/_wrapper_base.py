@@ -1,7 +1,7 @@
 """What all wrappers share: checks of their arguments, and the options that a caller may replace."""
 
 from collections.abc import Callable, Mapping
-from typing import Self
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,9 @@ _FIXED = frozenset(
     | {"num_envs", "num_agents", "autoreset_mode", "render_mode"}
 )
 
+# Beartype takes `Self` in whole classes that it decorates, and jaxtyping decorates methods.
+W = TypeVar("W", bound="HasParams")
+
 
 class HasParams:
     """The options of a wrapper, which the caller may replace, see `Batch.replace_params`."""
@@ -98,7 +101,7 @@ class HasParams:
             )
         super().__setattr__(name, value)
 
-    def made(self) -> Self:
+    def made(self: W) -> W:
         """Returns the environment, which is complete from here on."""
         self._is_made = True
         return self

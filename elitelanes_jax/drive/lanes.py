@@ -10,7 +10,6 @@ a Python number, which compiled programs contain. A tile set may have its own
 (`TileSet.lane_offset`).
 """
 
-from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -82,7 +81,8 @@ one if none is open.
 """
 
 
-R = TypeVar("R", bound=tuple[UserValue, ...])
+# Beartype takes `type[R]` of a class, not of `tuple[...]`.
+R = TypeVar("R", bound=tuple)
 
 
 def single(kind: type[R]) -> Check[R]:
@@ -97,7 +97,7 @@ def single(kind: type[R]) -> Check[R]:
     words = "numbers" if is_pose else "whole numbers"
 
     def check(value: UserValue) -> R:
-        fields: Iterable[Numeric] = instance(kind)(value)
+        fields = instance(kind)(value)
         if any(map(np.ndim, fields)):
             hint = "jax.vmap takes several"
             raise InputError("", f"one {kind.__name__}", shorten(repr(value)), hint)

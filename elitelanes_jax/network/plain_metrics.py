@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Int8, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax._util.types import AnyArray, OptionValue
 from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import (
     CONNECTIONS,
@@ -25,7 +25,7 @@ _Cells = Bool[np.ndarray, "_ _"]
 
 
 @name_wrong_arguments
-def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict[str, Numeric]:
+def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict[str, OptionValue]:
     """Measures one grid as `measure` does, without JAX; see `measure` for the arguments and errors.
 
     Returns:

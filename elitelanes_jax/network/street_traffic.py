@@ -18,7 +18,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric, Pytree
+from elitelanes_jax._util.types import AnyArray, Pytree
 from elitelanes_jax.network.checks import check_grid, is_traced
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.records import LONGEST_DETOUR
@@ -99,7 +99,7 @@ def gridlock_potential(
     return _potential(_check_town(codes), jnp.asarray(robots, jnp.float32), tile_size=size)
 
 
-def _check_robots(robots: Numeric) -> None:
+def _check_robots(robots: ArrayLike) -> None:
     """Checks a number of robots, which may be infinite or traced."""
     is_number = is_real(robots) or hasattr(robots, "dtype")
     if not is_number or (not is_traced(robots) and np.isnan(robots).any()):
