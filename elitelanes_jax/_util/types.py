@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     import jax
@@ -23,19 +24,25 @@ Plain: TypeAlias = object
 A table of known fields has a `TypedDict` instead.
 """
 
-AnyArray: TypeAlias = Annotated[Any, "an array"]
-"""An array of NumPy or JAX, or rows of numbers.
-
-A function of it returns an array of the same library.
-"""
-
 # A type checker sees the types of JAX. At run time they are left out, so that the command line
 # starts without JAX, and `name_wrong_arguments` reads the words of the annotation.
 if TYPE_CHECKING:
+    AnyArray: TypeAlias = np.ndarray | jax.Array
+    ArrayOrRows: TypeAlias = ArrayLike | jax.Array
+    ArrayT = TypeVar("ArrayT", np.ndarray, jax.Array, np.ndarray | jax.Array)
     Numeric: TypeAlias = float | np.number | np.bool_ | np.ndarray | jax.Array
     Numbers: TypeAlias = Sequence[Numeric] | np.ndarray | jax.Array
-    WholeT = TypeVar("WholeT", int, np.ndarray, jax.Array)
+    WholeT = TypeVar("WholeT", int, np.ndarray, jax.Array, np.ndarray | jax.Array)
 else:
+    AnyArray = Annotated[Any, "an array"]
+    """An array of NumPy or JAX."""
+
+    ArrayOrRows = AnyArray
+    """An array of NumPy or JAX, or rows of numbers."""
+
+    ArrayT = AnyArray
+    """An array of NumPy or JAX. A function of it returns an array of the same library."""
+
     Numeric = Annotated[Any, "a number"]
     """A number, an array of numbers, or a tracer of `jax.jit` or `jax.vmap`."""
 

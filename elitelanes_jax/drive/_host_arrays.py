@@ -1,6 +1,7 @@
 """Arrays of compiled functions as arrays of NumPy, few and without copies."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -10,7 +11,7 @@ from jaxtyping import Array
 
 from elitelanes_jax._util.types import AnyArray, Pytree
 
-Packed = tuple[dict[str, AnyArray], list[AnyArray]]
+Packed = tuple[Mapping[str, AnyArray], Sequence[AnyArray]]
 
 
 class Layout(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.packages import __version__
-from elitelanes_jax._util.types import AnyArray, Plain
+from elitelanes_jax._util.types import ArrayOrRows, Plain
 from elitelanes_jax.explorer._shown import ShownRun
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
@@ -56,7 +56,7 @@ class _Blob:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def add(self, array: AnyArray, dtype: str) -> dict[str, Plain]:
+    def add(self, array: ArrayOrRows, dtype: str) -> dict[str, Plain]:
         """Adds an array; returns the table that represents it."""
         # The page reads little-endian numbers on all machines.
         content = np.ascontiguousarray(array, np.dtype(dtype).newbyteorder("<")).tobytes()

@@ -26,7 +26,7 @@ from jaxtyping import (
     UInt32,
 )
 
-from elitelanes_jax._util.types import AnyArray, Pytree, Untyped
+from elitelanes_jax._util.types import ArrayT, Pytree, Untyped
 
 _Carry = TypeVar("_Carry")
 _Tree = TypeVar("_Tree", bound=Pytree)
@@ -186,7 +186,7 @@ def _to_varying(array: Array, axes: tuple[str, ...]) -> Array:
     return varying
 
 
-def align(*arrays: AnyArray) -> tuple[AnyArray, ...]:
+def align(*arrays: ArrayT) -> tuple[ArrayT, ...]:
     """Returns arrays with equally many axes: leading axes of length 1 are added, except to scalars.
 
     NumPy's rules for broadcasting do the same, but a setting of JAX, `jax_numpy_rank_promotion`,

@@ -146,11 +146,12 @@ def _arrays_of(elites: MeasuredElites, history: History) -> dict[str, np.ndarray
         arrays[name] = getattr(elites, name)
     for name, values in history._asdict().items():
         arrays[f"history.{name}"] = values
+    stored: dict[str, np.ndarray] = {}
     for name, values in arrays.items():
         dtype, _ = _ARRAYS.get(name, _FEATURE_KIND)
         # A fitness has one of several dtypes, and is stored as it is.
-        arrays[name] = np.asarray(values, dtype if isinstance(dtype, str) else None)
-    return arrays
+        stored[name] = np.asarray(values, dtype if isinstance(dtype, str) else None)
+    return stored
 
 
 def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
