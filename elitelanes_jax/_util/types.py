@@ -61,8 +61,12 @@ All fields of a record have the same type. Beartype supports no generic named tu
 Pytree: TypeAlias = Any
 """A pytree of arrays, such as a state or an observation.
 
-Only the optimiser or environment knows its structure.
+Only the optimiser or environment knows its structure, and each has its own. They are named tuples,
+and beartype supports no generic named tuple, so their states have no type variable.
 """
+
+Tree = TypeVar("Tree")
+"""A pytree of arrays. A function of it returns a pytree of the same structure."""
 
 Untyped: TypeAlias = Any
 """What has no types: a module, object or keyword arguments of a library, or an annotation."""

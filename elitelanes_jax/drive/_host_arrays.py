@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import PyTreeDef
 from jaxtyping import Array
 
 from elitelanes_jax._util.types import AnyArray, Pytree
@@ -25,7 +26,7 @@ class Layout(NamedTuple):
         dtype; None for another leaf.
     """
 
-    structure: Pytree
+    structure: PyTreeDef
     rows: list[tuple[str, int] | None]
 
     @classmethod

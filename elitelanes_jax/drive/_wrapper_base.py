@@ -10,9 +10,10 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import Batch
+from elitelanes_jax.drive._library_types import Params
 
 
-def check_module(params: Pytree, module: Untyped, name: str, argument: str, needed: str) -> None:
+def check_module(params: Params, module: Untyped, name: str, argument: str, needed: str) -> None:
     """Checks the options of an environment, and that a module has what is needed.
 
     `needed` is the name of a class or module, such as ``vector.VectorEnv``.
@@ -76,11 +77,11 @@ class HasParams:
     _is_made = False
 
     @property
-    def params(self) -> Pytree:
+    def params(self) -> Params:
         return self._batch.params
 
     @params.setter
-    def params(self, params: Pytree) -> None:
+    def params(self, params: UserValue) -> None:
         self._batch.replace_params(params)
 
     def __setattr__(self, name: str, value: UserValue) -> None:
