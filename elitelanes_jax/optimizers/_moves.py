@@ -175,7 +175,7 @@ KNOWN_MOVES = tuple(
 """The names of the moves that `MoveWeights` has a weight for."""
 
 
-def _is_never_drawn(weight: ArrayLike) -> bool:
+def _is_never_drawn(weight: ArrayLike | None) -> bool:
     """Returns whether a move is known to have weight 0.
 
     An array may be traced, so its number is not known.
@@ -190,7 +190,7 @@ def random_move(weights: MoveWeights, *, fill: bool, fixed: ArrayOrRows | None =
     If repair always fills, `MoveWeights.fill_probability` has no effect. For `fixed`, bool
     ``[H, W]``, see `repair`.
     """
-    weights_by_plan: dict[Plan, ArrayLike] = {
+    weights_by_plan: dict[Plan, ArrayLike | None] = {
         plan: getattr(weights, name) for name, plan in PLANS.items()
     }
     # Where repair always fills, a refitted window must have no empty cells, and a move that fills
@@ -276,7 +276,7 @@ _BITS = 1 + 7
 
 @runs_jax
 def _move(
-    weights: Mapping[Plan, ArrayLike],
+    weights: Mapping[Plan, ArrayLike | None],
     user_moves: Mapping[str, tuple[ArrayLike, Move]] = MappingProxyType({}),
     *,
     empty: bool = True,
