@@ -1,6 +1,7 @@
-"""Names for types that a checker cannot see, each with the reason.
+"""Names for types that several rooms share.
 
-The package has no other `Any`.
+Four names are `Any` to a type checker, each with the reason: `OptionValue`, `Whole`, `Pytree` and
+`Untyped`.
 """
 
 from collections.abc import Sequence
