@@ -4,14 +4,14 @@ Four names are `Any` to a type checker, each with the reason: `OptionValue`, `Wh
 `Untyped`.
 """
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import jax
+    import numpy as np
+    from numpy.typing import ArrayLike
 
 UserValue: TypeAlias = object
 """A user's value, from Python, the command line or a file. The function that takes it checks it."""
