@@ -16,7 +16,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, unmasked
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
+from elitelanes_jax._util.types import ArrayOrRows, Untyped, UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, SIDE_TOWARDS, SIDES, SOUTH
@@ -197,7 +197,7 @@ def _draw_end_bars(ax: "Axes", ends: Sequence[_Line], width: float) -> None:
 
 @name_wrong_arguments
 def archive_map(
-    fitness: "AnyArray | Result",
+    fitness: "ArrayOrRows | Result",
     axes: "Sequence[Axis] | None" = None,
     *,
     across: str | None = None,
@@ -419,8 +419,8 @@ def history(
 
 @name_wrong_arguments
 def seed_band(
-    x: AnyArray,
-    values: AnyArray,
+    x: ArrayOrRows,
+    values: ArrayOrRows,
     *,
     label: str | None = None,
     quantiles: tuple[float, float] = (0.25, 0.75),

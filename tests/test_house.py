@@ -166,7 +166,8 @@ def test_shapes_belong_to_classes_of_arrays():
             if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Tuple):
                 array, *shape = map(ast.unparse, node.slice.elts)
                 has_shape = len(shape) == 1 and shape[0].startswith(("'", '"'))
-                assert not (has_shape and array in ("AnyArray", "Numeric")), f"{name}: {ast.unparse(node)}"
+                annotated = array in ("AnyArray", "ArrayOrRows", "ArrayT", "Numeric", "Numbers", "Whole")
+                assert not (has_shape and annotated), f"{name}: {ast.unparse(node)}"
 
 
 def test_chex_checks_the_edges():

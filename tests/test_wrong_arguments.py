@@ -285,7 +285,7 @@ WRONG = {
     "maps_from: expected enough for one in the split train, 0.5 of them, got 1": lambda: DatasetSpec(
         maps_from=[GRID, rotate(GRID)], split=(0.5, 0, 0.5)
     ),
-    "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out", seed=1.5),
+    "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out.npz", seed=1.5),
     "axes 'turns': expected at least one bin, of a width of at least 1, got 4 of width 0": lambda: niche_index(
         np.zeros((3, 1), np.int32), (Axis("turns", 4),)
     ),

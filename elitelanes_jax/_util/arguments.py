@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
+from elitelanes_jax._util.types import Untyped, UserValue
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -199,7 +199,7 @@ def _is_key(value: UserValue) -> bool:
     return str(getattr(value, "dtype", "")).startswith("key<")
 
 
-def _is_array(value: AnyArray, annotation: Untyped, batch: bool = False) -> bool:
+def _is_array(value: Untyped, annotation: Untyped, batch: bool = False) -> bool:
     """Returns whether a value is an array of numbers or can be one.
 
     The annotation may say how many axes the array has.
@@ -225,7 +225,7 @@ def _is_array(value: AnyArray, annotation: Untyped, batch: bool = False) -> bool
     return _has_axes(annotation, array.ndim, batch)
 
 
-def _is_key_array(value: AnyArray, annotation: Untyped, batch: bool) -> bool:
+def _is_key_array(value: Untyped, annotation: Untyped, batch: bool) -> bool:
     """Returns whether a value is a key of JAX, or a vector of the old style."""
     if _is_key(value):
         return _has_axes(annotation, value.ndim, batch)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, Self, TypeVar
+from typing import NamedTuple, Self, TypeVar, overload
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from elitelanes_jax._util.checks import (
 )
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, suggest
-from elitelanes_jax._util.types import Numeric, Untyped, UserValue
+from elitelanes_jax._util.types import Numbers, Numeric, Untyped, UserValue
 
 T = TypeVar("T")
 R = TypeVar("R", bound="Record")
@@ -86,7 +86,15 @@ def static(default: UserValue, check: Check[T]) -> T:
     return _field(default, option=Option(check), static=True)
 
 
-def traced(default: UserValue, check: Check, each: Check | None = None) -> Numeric:
+@overload
+def traced(default: T, check: Check) -> T | Numeric: ...
+
+
+@overload
+def traced(default: T, check: Check, each: Check) -> T | Numbers: ...
+
+
+def traced(default: UserValue, check: Check, each: Check | None = None) -> Untyped:
     """Declares a field with a number or an array. One program serves all values.
 
     See `number_or_array` for `each`.
@@ -94,7 +102,9 @@ def traced(default: UserValue, check: Check, each: Check | None = None) -> Numer
     return option(default, number_or_array(check, each, whole=is_whole(default)))
 
 
-def number_or_array(check: Check, each: Check | None = None, *, whole: bool = False) -> Check:
+def number_or_array(
+    check: Check, each: Check | None = None, *, whole: bool = False
+) -> Check[Numeric]:
     """Makes a check for a number, or an array of numbers that each pass the check.
 
     Within a transformation an array may be a tracer. Its numbers are not known, so only its dtype
@@ -108,38 +118,39 @@ def number_or_array(check: Check, each: Check | None = None, *, whole: bool = Fa
     kind, expected = (np.integer, "whole numbers") if whole else (np.number, "numbers")
     check_each = each or check
 
-    def check_value(value: Numeric) -> Numeric:
+    def check_value(value: UserValue) -> Numeric:
         # Records of options that nobody traces must not wait for JAX. A value of JAX exists only
         # after JAX was loaded.
         jax: Untyped = sys.modules.get("jax")
         of_jax = jax is not None and isinstance(value, jax.Array)
         if not of_jax and not isinstance(value, np.ndarray):
             return check(value)
+        array: Untyped = value
         numpy = jax.numpy if of_jax else np
-        if not numpy.issubdtype(value.dtype, kind) or numpy.iscomplexobj(value):
-            raise InputError("", expected, f"{value.dtype} {list(value.shape)}")
-        if not (of_jax and isinstance(value, jax.core.Tracer)) and value.size:
-            numbers = np.asarray(jax.device_get(value) if of_jax else value)
+        if not numpy.issubdtype(array.dtype, kind) or numpy.iscomplexobj(array):
+            raise InputError("", expected, f"{array.dtype} {list(array.shape)}")
+        if not (of_jax and isinstance(array, jax.core.Tracer)) and array.size:
+            numbers = np.asarray(jax.device_get(array) if of_jax else array)
             check_each(_number(numbers.min()))
             check_each(_number(numbers.max()))
-        return frozen_copy(value)
+        return frozen_copy(array)
 
     return check_value
 
 
-def one_number(check: Check) -> Check:
+def one_number(check: Check) -> Check[Numeric]:
     """Makes a check for a number, or an array without axes, as `number_or_array` does."""
     check_number = number_or_array(check)
 
-    def check_value(value: Numeric) -> Numeric:
+    def check_value(value: UserValue) -> Numeric:
         if getattr(value, "ndim", 0):
-            raise InputError("", "one number", f"shape {list(value.shape)}")
+            raise InputError("", "one number", f"shape {list(getattr(value, 'shape', ()))}")
         return check_number(value)
 
     return check_value
 
 
-def _number(number: Numeric) -> int | float:
+def _number(number: np.number) -> int | float:
     """Returns a number of NumPy as one of Python, a float as its shortest text says it.
 
     So 0.1 of float32, which is 0.100000001, does not exceed a limit of 0.1.

@@ -15,7 +15,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.types import AnyArray, Untyped
+from elitelanes_jax._util.types import ArrayOrRows, Untyped
 from elitelanes_jax.benchmark.measuring import count_flaws
 from elitelanes_jax.benchmark.tasks import find_task
 from elitelanes_jax.network.checks import known_grid
@@ -122,7 +122,7 @@ class RoadNetworks:
         self.shape, self.fill, self.has_links = task.shape, task.fill, variant.has_links
         self.cyclomatic = int(task.cyclomatic.min()), int(task.cyclomatic.max())
 
-    def info(self, content: AnyArray) -> _Info:
+    def info(self, content: ArrayOrRows) -> _Info:
         """Returns what is known of a network: rows of tile codes or links ``[H, W]``.
 
         Raises `InputError` for other numbers than 0 to 15 or 0 to 3, or another shape.
@@ -143,7 +143,7 @@ class RoadNetworks:
         metrics = Metrics(**plain_measure(codes))
         return {**metrics._asdict(), "flaws": int(count_flaws(metrics, self.fill))}
 
-    def read(self, content: AnyArray) -> Int8[np.ndarray, "H W"]:
+    def read(self, content: ArrayOrRows) -> Int8[np.ndarray, "H W"]:
         """Returns the tile codes ``[H, W]`` of content; raises `InputError` as `info` does."""
         grid = known_grid(content)
         if grid.shape != self.shape:
@@ -177,7 +177,7 @@ class RoadNetworks:
         low, high = self.cyclomatic
         return max(1 - abs(info["cyclomatic"] - int(control["cyclomatic"])) / (high - low + 1), 0.0)
 
-    def render(self, content: AnyArray) -> Untyped:
+    def render(self, content: ArrayOrRows) -> Untyped:
         """Draws a network as a `PIL.Image`, with dead ends and mismatches as they are."""
         from PIL import Image
 

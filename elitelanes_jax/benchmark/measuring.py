@@ -58,7 +58,7 @@ def measure_grids(task: "Task", grids: Int8[np.ndarray, "P H W"]) -> Measured:
     return Measured(*map(np.concatenate, zip(*batches, strict=True)))
 
 
-def count_flaws(metrics: "Metrics", fill: AnyArray) -> AnyArray:
+def count_flaws(metrics: "Metrics", fill: AnyArray | bool) -> AnyArray:
     """Counts flaws: see `Measured.flaws`. `fill` says whether every cell has to be filled."""
     at_cells = (
         metrics.dead_ends

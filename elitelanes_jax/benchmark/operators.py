@@ -12,7 +12,7 @@ from jaxtyping import Array, Int8, Key
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, one_of, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import ArrayOrRows
 from elitelanes_jax.benchmark.checks import SpentError, check_batch
 from elitelanes_jax.benchmark.submissions import TRACKS
 from elitelanes_jax.benchmark.tasks import Task
@@ -146,7 +146,7 @@ class Operators:
         size = check_named("count", whole(1), count)
         return self._note(lambda key: self._random(key, _round_up(size)), size)
 
-    def mutate(self, grids: AnyArray) -> Int8[np.ndarray, "B H W"]:
+    def mutate(self, grids: ArrayOrRows) -> Int8[np.ndarray, "B H W"]:
         """Returns each of the grids ``[B, H, W]`` with one change.
 
         Raises:

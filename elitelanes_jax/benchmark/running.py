@@ -15,7 +15,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import ArrayOrRows, UserValue
 from elitelanes_jax.benchmark.checks import SpentError, check_batch
 from elitelanes_jax.benchmark.measuring import Measured, measure_grids
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission
@@ -24,7 +24,7 @@ from elitelanes_jax.benchmark.tasks import Task, find_task
 if TYPE_CHECKING:
     from elitelanes_jax.benchmark.operators import Operators
 
-SearchFunction = Callable[..., Generator[AnyArray, Measured, None]]
+SearchFunction = Callable[..., Generator[ArrayOrRows, Measured, None]]
 """A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch.
 
 Its arguments are a `Task`, a generator of NumPy, and `Operators` if they are fixed.
@@ -133,7 +133,7 @@ def _run_seed(
     return np.stack(at_budgets)
 
 
-def _advance(search: Generator[AnyArray, Measured, None], measured: Measured | None) -> Any:
+def _advance(search: Generator[ArrayOrRows, Measured, None], measured: Measured | None) -> Any:
     """Returns the search's next batch, or `_ENDED`."""
     try:
         return search.send(measured)  # type: ignore[arg-type]  # None starts a generator

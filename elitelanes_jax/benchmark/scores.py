@@ -67,7 +67,7 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     total, count = nearness.sum(axis=-1), filled.sum(axis=-1)
     precision = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
     at_optimum = (filled & (best <= task.optimum)).mean(axis=-1)
-    return Scores(coverage(filled), total / filled.shape[-1], precision, at_optimum)
+    return Scores(np.asarray(coverage(filled)), total / filled.shape[-1], precision, at_optimum)
 
 
 def _nearness(task: Task, best: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 import json
 from functools import cache
 from importlib.resources import files
-from typing import NamedTuple
+from typing import NamedTuple, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import Plain
 
 VERSION = 1
 """The version of the tasks of `SIZES`. Scores of different versions are not comparable."""
@@ -38,6 +37,26 @@ SIZES = (
 
 PAIRS = ("5x5B-straights", "6x6B-straights", "6x7B-turns", "7x7B-turns")
 """A size, and the tiles whose number is a second descriptor beside the cyclomatic number."""
+
+
+class _Niche(TypedDict):
+    """What is proven of a niche. Only a task of two descriptors has `tiles`."""
+
+    cyclomatic: int
+    tiles: NotRequired[int]
+    optimum: int
+    networks: int | None
+    witness: list[str]
+
+
+class _Certificate(TypedDict):
+    """What is proven of a size, or of a pair. Only a pair has `tiles`."""
+
+    height: int
+    width: int
+    fill: bool
+    tiles: NotRequired[str]
+    niches: list[_Niche]
 
 
 @keeps_copies
@@ -135,9 +154,9 @@ def _read_grid(rows: list[str]) -> NDArray[np.int8]:
 
 
 @cache
-def _certificates() -> dict[str, dict[str, Plain]]:
+def _certificates() -> dict[str, _Certificate]:
     """Reads the certificates, by the names of `SIZES` and `PAIRS`."""
-    certificates = {}
+    certificates: dict[str, _Certificate] = {}
     for file in ("certificates.json", "certificates-2.json"):
         text = files(__package__).joinpath(file).read_text(encoding="utf-8")
         for certificate in json.loads(text)["certificates"]:

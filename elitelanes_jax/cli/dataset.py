@@ -2,9 +2,9 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.errors import pluralize
-from elitelanes_jax._util.types import Plain
 from elitelanes_jax.cli.arguments import (
     COMPILING,
     Commands,
@@ -16,6 +16,9 @@ from elitelanes_jax.cli.arguments import (
 )
 from elitelanes_jax.cli.executors import add_executors, open_pool
 from elitelanes_jax.cli.program import say
+
+if TYPE_CHECKING:
+    from elitelanes_jax.dataset.tables import DatasetRecord
 
 
 def add_dataset(commands: Commands) -> None:
@@ -64,7 +67,7 @@ def _dataset(options: argparse.Namespace) -> int:
     return 0
 
 
-def describe_dataset(about: dict[str, Plain], out: Path) -> str:
+def describe_dataset(about: "DatasetRecord", out: Path) -> str:
     """Returns a table of a dataset's classes in each split, from its record."""
     # The first row has the names of the splits.
     table = {"": about["pictures"], "pictures": about["pictures"].values()}

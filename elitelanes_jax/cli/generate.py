@@ -2,7 +2,7 @@
 
 import argparse
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +24,6 @@ from elitelanes_jax.cli.executors import add_executors, open_pool
 from elitelanes_jax.cli.program import program_name, say
 
 if TYPE_CHECKING:
-    from elitelanes_jax._util.types import Plain
     from elitelanes_jax.formats.road_map import RoadMap
 
 _KEPT = "; the elites are kept: fewer maps need no new search, and more evaluations extend it"
@@ -258,7 +257,7 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     return "\n".join(lines)
 
 
-def _advice_on_crossings(metrics: "Sequence[dict[str, Plain]]") -> list[str]:
+def _advice_on_crossings(metrics: "Sequence[Mapping[str, float]]") -> list[str]:
     """Says how many maps have no crossing, and what crossings an inventory has left."""
     lines = []
     counts = [figures["crossings"] for figures in metrics]

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from elitelanes_jax._util.errors import pluralize
-from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._fields import OBJECTS, Contents
 from elitelanes_jax.dataset.spec import describe_sides
+from elitelanes_jax.dataset.tables import DatasetRecord, SeenObject
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network.likeness import ALIKE
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
@@ -51,7 +51,7 @@ _FILES = "the files of the sample, in the layout imagefolder alone"
 
 
 def write_card(
-    about: dict[str, Plain],
+    about: DatasetRecord,
     contents: Contents,
     loading: str,
     arrays: str,
@@ -95,7 +95,7 @@ def write_card(
     return "\n".join(lines)
 
 
-def _front_matter(about: dict[str, Plain], data_files: Mapping[str, str]) -> list[str]:
+def _front_matter(about: DatasetRecord, data_files: Mapping[str, str]) -> list[str]:
     """Returns the lines that Hugging Face reads."""
     # Hugging Face's names of licences are in lower case.
     licence = about["tile_set"]["licence"].lower()
@@ -119,7 +119,7 @@ def _front_matter(about: dict[str, Plain], data_files: Mapping[str, str]) -> lis
     return lines
 
 
-def tasks_of(about: dict[str, Plain]) -> list[str]:
+def tasks_of(about: DatasetRecord) -> list[str]:
     """Returns what a dataset is for, by the names of Hugging Face."""
     tasks = ["image-segmentation"]
     return [*tasks, "object-detection"] if "object_set" in about else tasks
@@ -142,7 +142,7 @@ def _table_of_fields(contents: Contents) -> list[str]:
     return lines
 
 
-def introduce(about: dict[str, Plain]) -> list[str]:
+def introduce(about: DatasetRecord) -> list[str]:
     """Returns what the pictures show, and how the maps differ."""
     counts = about["pictures"]
     settings = about["settings"]
@@ -174,7 +174,7 @@ def introduce(about: dict[str, Plain]) -> list[str]:
     ]
 
 
-def _table_of_classes(about: dict[str, Plain]) -> list[str]:
+def _table_of_classes(about: DatasetRecord) -> list[str]:
     """Returns a table of the classes.
 
     It has the colour of each class, and the share of its pixels in each split.
@@ -190,7 +190,7 @@ def _table_of_classes(about: dict[str, Plain]) -> list[str]:
     return lines
 
 
-def _origin(about: dict[str, Plain]) -> list[str]:
+def _origin(about: DatasetRecord) -> list[str]:
     """Returns the list of settings that a reader asks for first."""
     tile_set, settings = about["tile_set"], about["settings"]
     search = settings["search"]
@@ -253,7 +253,7 @@ def sample_sheet(
     return contact_sheet(title, pictures, texts)
 
 
-def draw_boxes(file: Path, objects: Sequence[dict[str, Plain]]) -> UInt8[np.ndarray, "_ _ 3"]:
+def draw_boxes(file: Path, objects: Sequence[SeenObject]) -> UInt8[np.ndarray, "_ _ 3"]:
     """Draws the boxes and the kinds of the objects in a picture of the dataset.
 
     The largest boxes get their kinds first. A kind that would overprint another one is left out.
@@ -318,7 +318,7 @@ def _share(pixels: Sequence[int], label: int) -> str:
     return f"{100 * pixels[label] / total:.2f} %"
 
 
-def _plain(value: Plain) -> str:
+def _plain(value: float | list[float]) -> str:
     if isinstance(value, list):
         return f"{value[0]:g}..{value[1]:g}"
     if value is True:

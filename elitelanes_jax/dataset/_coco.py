@@ -17,11 +17,14 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._samples import Sample
+from elitelanes_jax.dataset.tables import Outline, SampleNote, SampleRecord, SeenObject
 from elitelanes_jax.formats.objects import OBJECT_KINDS, base_kind
 from elitelanes_jax.tiles.rendering import LABELS
 
-Record = dict[str, Plain]
-Records = Callable[[], Iterable[Record]]
+Row = dict[str, Plain]
+"""A table that is only written: an annotation, a category, or a line of metadata."""
+
+Records = Callable[[], Iterable[SampleRecord]]
 """Reads the records of a split's samples anew, one after another.
 
 Therefore no file needs all records in memory.
@@ -31,13 +34,13 @@ SHORT_NAMES = ("train", "val", "test")
 """The usual short names of the splits."""
 
 
-def annotate(sample: Sample) -> Record:
+def annotate(sample: Sample) -> SampleNote:
     """Returns the annotations of a sample's classes, and of its objects if it has any."""
     labels = sample.layers["labels"]
     # Label 0 is the background, which has no annotation.
     present = [label for label in range(1, len(LABELS)) if (labels == label).any()]
-    note: Record = {
-        "classes": [{"category_id": label} | _runs(labels == label) for label in present]
+    note: SampleNote = {
+        "classes": [{"category_id": label, **_runs(labels == label)} for label in present]
     }
     if "objects" in sample.record:
         instances = sample.layers["instances"]
@@ -49,19 +52,23 @@ def annotate(sample: Sample) -> Record:
     return note
 
 
-def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
+def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Row]:
     """Writes the annotations of a split, and yields the lines of its metadata.
 
     Also writes YOLO's text if there are objects.
     """
     name, annotations = SHORT_NAMES[split], folder / "annotations"
     # COCO's categories count from 1, as the labels without the background do.
-    classes = [{"id": label, "name": title} for label, title in enumerate(LABELS) if label]
+    classes: list[Row] = [
+        {"id": label, "name": title} for label, title in enumerate(LABELS) if label
+    ]
     table = read, _class_annotations, classes
     _write_coco(annotations / f"{name}.json", *table)
     if "outlines" in next(iter(read()), {}):
         # All records have outlines, or none has.
-        kinds = [{"id": index, "name": kind} for index, kind in enumerate(OBJECT_KINDS, 1)]
+        kinds: list[Row] = [
+            {"id": index, "name": kind} for index, kind in enumerate(OBJECT_KINDS, 1)
+        ]
         table = read, _object_annotations, kinds
         _write_coco(annotations / f"objects_{name}.json", *table)
         for record in read():
@@ -73,55 +80,57 @@ def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
         yield {key: value for key, value in record.items() if key not in ("classes", "outlines")}
 
 
-def _class_annotations(record: Record) -> list[Record]:
+def _class_annotations(record: SampleRecord) -> list[Row]:
     return [
-        {"image_id": _image_id(record), "iscrowd": 0} | annotation
+        {"image_id": _image_id(record), "iscrowd": 0, **annotation}
         for annotation in record["classes"]
     ]
 
 
-def _object_annotations(record: Record) -> list[Record]:
-    annotations = []
+def _object_annotations(record: SampleRecord) -> list[Row]:
+    annotations: list[Row] = []
     for thing, outline in zip(record["objects"], record["outlines"], strict=True):
-        about = {name: thing[name] for name in ("visible", "distance") if name in thing}
-        annotation = {
+        annotation: Row = {
             "image_id": _image_id(record),
             "category_id": _kind_number(thing) + 1,
             "iscrowd": 0,
-        } | about
-        annotations.append(annotation | outline | {"bbox": thing["box"]})
+            "visible": thing["visible"],
+        }
+        if "distance" in thing:
+            annotation["distance"] = thing["distance"]
+        annotations.append({**annotation, **outline, "bbox": thing["box"]})
     return annotations
 
 
-def _image_id(record: Record) -> int:
+def _image_id(record: SampleRecord) -> int:
     """Returns the number of a sample from 1, because some readers take 0 for no image."""
     return record["number"] + 1
 
 
-def _kind_number(thing: Record) -> int:
+def _kind_number(thing: SeenObject) -> int:
     return list(OBJECT_KINDS).index(base_kind(thing["kind"]))
 
 
 def _write_coco(
     file: Path,
     read: Records,
-    annotations_of: Callable[[Record], list[Record]],
-    categories: Sequence[Record],
+    annotations_of: Callable[[SampleRecord], list[Row]],
+    categories: Sequence[Row],
 ) -> None:
     # Each table is written while its records are read, so that no table has to fit into memory.
-    def images() -> Iterator[Record]:
+    def images() -> Iterator[Row]:
         for record in read():
             height, width = record["pixels"]
             name = f"{record['number']:06d}.png"
             yield {"id": _image_id(record), "file_name": name, "height": height, "width": width}
 
-    def annotations() -> Iterator[Record]:
+    def annotations() -> Iterator[Row]:
         # Annotations are numbered from 1, because pycocotools takes 0 for no match.
         number = 0
         for record in read():
             for annotation in annotations_of(record):
                 number += 1
-                yield {"id": number} | annotation
+                yield {"id": number, **annotation}
 
     def parts() -> Iterator[str]:
         # The module pycocotools asks for `info` when it loads results.
@@ -134,7 +143,7 @@ def _write_coco(
     write_atomic(file, (part.encode() for part in parts()))
 
 
-def _joined(rows: Iterable[Record]) -> Iterator[str]:
+def _joined(rows: Iterable[Row]) -> Iterator[str]:
     # JSON has no comma before the first row, and none after the last one.
     separator = ""
     for row in rows:
@@ -142,7 +151,7 @@ def _joined(rows: Iterable[Record]) -> Iterator[str]:
         separator = ", "
 
 
-def _write_yolo(file: Path, record: Record) -> None:
+def _write_yolo(file: Path, record: SampleRecord) -> None:
     """Writes a line for each object, as YOLO reads it.
 
     A line has the class, from 0, and the middle and the size of the box as shares. Ultralytics
@@ -179,7 +188,7 @@ def _write_data(folder: Path) -> None:
     write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
 
 
-def _runs(mask: Bool[NDArray, "h w"]) -> Record:
+def _runs(mask: Bool[NDArray, "h w"]) -> Row:
     from pycocotools import mask as masks
 
     # The encoder of pycocotools reads columns, and takes arrays in Fortran's order alone.
@@ -193,7 +202,7 @@ def _runs(mask: Bool[NDArray, "h w"]) -> Record:
     }
 
 
-def _polygons(mask: Bool[NDArray, "h w"]) -> Record:
+def _polygons(mask: Bool[NDArray, "h w"]) -> Outline:
     """Returns polygons that cover exactly the pixels of a mask, and their area.
 
     Each piece of pixels with common sides has a polygon along the pixels' sides. COCO's polygons

@@ -13,6 +13,7 @@ from elitelanes_jax.dataset._card import LICENCES, TAGS, TITLE, introduce, tasks
 from elitelanes_jax.dataset._fields import NUMBER, TEXT, WHOLE, Contents, Field
 from elitelanes_jax.dataset._layouts import Layout
 from elitelanes_jax.dataset._samples import layer_names
+from elitelanes_jax.dataset.tables import DatasetRecord
 
 Node = dict[str, Plain]
 
@@ -68,7 +69,7 @@ _RESPONSIBLE = {
 
 def describe_croissant(
     out: Path,
-    about: dict[str, Plain],
+    about: DatasetRecord,
     contents: Contents,
     layout: Layout,
     splits: Sequence[int],
@@ -146,7 +147,7 @@ class _Writer:
         return [self._layout.shards_pattern(split) for split in self._splits]
 
     def _shards(self) -> list[Node]:
-        shards = []
+        shards: list[Node] = []
         for split, name in zip(self._splits, self._names, strict=True):
             for file in sorted(self._out.glob(self._layout.shards_pattern(split))):
                 path = file.relative_to(self._out).as_posix()
@@ -154,7 +155,7 @@ class _Writer:
                     digest = file_digest(stream, "sha256").hexdigest()
                 shard = {"@id": path, "name": f"{name} {file.name}", "contentUrl": path}
                 shard |= {"encodingFormat": "application/x-tar", "sha256": digest}
-                shards.append({"@type": "cr:FileObject"} | shard)
+                shards.append({"@type": "cr:FileObject", **shard})
         return shards
 
     def _files_in_shards(self) -> list[Node]:

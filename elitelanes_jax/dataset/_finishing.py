@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.files import read_json, write_atomic, write_json
+from elitelanes_jax._util.files import write_atomic, write_json
 from elitelanes_jax._util.sums import write_sums
-from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
 from elitelanes_jax.dataset._croissant import describe_croissant
 from elitelanes_jax.dataset._drawing import Drawing, draw_again
@@ -26,6 +25,13 @@ from elitelanes_jax.dataset._layouts import (
     write_maps,
 )
 from elitelanes_jax.dataset._records import Samples
+from elitelanes_jax.dataset.tables import (
+    DatasetClass,
+    DatasetCounts,
+    DatasetRecord,
+    SampleRecord,
+    read_dataset_record,
+)
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, write_png
 
@@ -33,7 +39,7 @@ from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, write_png
 _ON_SHEET = 12
 
 
-def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
+def write_part(samples: Samples, about: DatasetRecord) -> DatasetRecord:
     """Writes the records of a part, the part's settings, and the checksums of all files.
 
     Each record of a sample has its split. Returns the settings.
@@ -51,25 +57,26 @@ def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
         name: sum(len(block.indices) for block in samples.blocks_of(split))
         for split, name in enumerate(SPLITS)
     }
-    index, count = about["part"]
+    part = about["part"]
+    assert part is not None
     croissant = describe_croissant(
         samples.files,
         about | {"pictures": counts, "classes": _list_classes()},
         contents,
         find_layout(settings["format"]),
         [split for split, name in enumerate(SPLITS) if counts[name]],
-        introduction=f"Part {index} of {count} of a dataset, without the metadata of samples.",
+        introduction=f"Part {part[0]} of {part[1]} of a dataset, without the metadata of samples.",
     )
     write_json(samples.files / CROISSANT, croissant)
     write_json(samples.files / RECORD, about)
     # The checksums come last, because they are of all other files.
     write_sums(samples.files)
-    return read_json(samples.files / RECORD)
+    return read_dataset_record(samples.files / RECORD)
 
 
 def finish(
-    samples: Samples, identity: dict[str, Plain], drawing: Drawing | None = None
-) -> dict[str, Plain]:
+    samples: Samples, identity: DatasetRecord, drawing: Drawing | None = None
+) -> DatasetRecord:
     """Writes the files that describe the samples of a whole dataset.
 
     Returns the record of the dataset. `drawing` is what the samples were drawn from; a dataset of
@@ -113,7 +120,7 @@ def finish(
         write_png(out / layout.boxes, draw_boxes(out / image, fullest["objects"]))
     # The record is written last, because a folder with a record counts as complete.
     write_json(out / RECORD, about)
-    return read_json(out / RECORD)
+    return read_dataset_record(out / RECORD)
 
 
 class _Listed(NamedTuple):
@@ -127,7 +134,7 @@ class _Listed(NamedTuple):
     """
 
     pixels: dict[str, NDArray[np.int64]]
-    records: dict[int, dict[str, Plain]]
+    records: dict[int, SampleRecord]
     metrics: dict[str, bool]
     names: dict[str, None]
 
@@ -148,7 +155,7 @@ def _list_samples(samples: Samples, layout: Layout, wanted: Set[int]) -> _Listed
     return listed
 
 
-def _counts(samples: Samples, pixels: Mapping[str, NDArray[np.int64]]) -> dict[str, Plain]:
+def _counts(samples: Samples, pixels: Mapping[str, NDArray[np.int64]]) -> DatasetCounts:
     """Returns the entries of the dataset's record that count pictures and pixels."""
     pictures = {}
     for split, name in enumerate(SPLITS):
@@ -158,7 +165,7 @@ def _counts(samples: Samples, pixels: Mapping[str, NDArray[np.int64]]) -> dict[s
     return {"pictures": pictures, "classes": _list_classes(), "class_pixels": class_pixels}
 
 
-def _list_classes() -> list[Plain]:
+def _list_classes() -> list[DatasetClass]:
     return [
         {"label": label, "name": name, "colour": colour}
         for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
@@ -166,7 +173,7 @@ def _list_classes() -> list[Plain]:
 
 
 def _on_sheet(
-    record: dict[str, Plain], samples: Samples, layout: Layout
+    record: SampleRecord, samples: Samples, layout: Layout
 ) -> tuple[str, str, tuple[str, ...]]:
     """Returns the files of a sample's image and labels, and its lines on the sheet."""
     index, metrics = record["number"], record.get("metrics", {})

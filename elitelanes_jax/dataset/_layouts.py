@@ -10,14 +10,15 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.files import read_json, write_atomic
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.sums import SUMS
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._coco import SHORT_NAMES, Record, Records, annotate, coco_rows
+from elitelanes_jax.dataset._coco import SHORT_NAMES, Records, Row, annotate, coco_rows
 from elitelanes_jax.dataset._samples import Sample, layer_names
 from elitelanes_jax.dataset._shards import OpenShard, open_parquet, open_tar
+from elitelanes_jax.dataset.tables import SampleNote, SampleRecord, read_dataset_record
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import png_of
@@ -72,12 +73,12 @@ class Layout(NamedTuple):
     path: str
     program: str
     metadata: str | None = None
-    rows: Callable[[Path, int, Records], Iterable[Record]] = lambda folder, split, read: ()
+    rows: Callable[[Path, int, Records], Iterable[Row]] = lambda folder, split, read: ()
     open_shard: OpenShard | None = None
     arrays: str = ""
     folders: Mapping[str, str] = {}
     renamed: Mapping[str, str] = {}
-    note: Callable[[Sample], Record] = lambda sample: {}
+    note: Callable[[Sample], SampleNote] = lambda sample: {}
     needs: str | None = None
     about: str = ""
     about_objects: str = ""
@@ -245,7 +246,7 @@ def write_maps(file: Path, maps: Sequence[RoadMap], views: int) -> None:
 def foreign_to_dataset(folder: Path) -> str | None:
     """Returns the first file in a folder that is not of a dataset, or None."""
     try:
-        about = read_json(folder / RECORD)
+        about = read_dataset_record(folder / RECORD)
         # The record says the layout, by which the paths of pictures are known.
         layout = LAYOUTS[about["settings"]["format"]]
         if "elitelanes_jax" not in about["versions"]:
@@ -261,7 +262,7 @@ def _in_split(text: str, split: int) -> str:
     return text.replace("SPLIT", SPLITS[split]).replace("SHORT", SHORT_NAMES[split])
 
 
-def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
+def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Row]:
     for record in read():
         has_objects = "objects" in record
         # Hugging Face loads the files of columns whose names end in `_file_name`.
@@ -269,25 +270,26 @@ def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Recor
             f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
             for layer in layer_names(has_objects=has_objects)
         }
+        row: Row = {**file_names, **record}
         if has_objects:
-            record = record | {"objects": _object_columns(record)}
+            row["objects"] = _object_columns(record)
         # A record without entries would be a column without fields.
-        yield file_names | {name: value for name, value in record.items() if value != {}}
+        yield {name: value for name, value in row.items() if value != {}}
 
 
 # The names are those that Hugging Face's guides have for boxes.
 _OBJECT_COLUMNS = {"instance": "id", "kind": "category", "box": "bbox"}
 
 
-def _object_columns(record: Record) -> dict[str, list[Plain]]:
+def _object_columns(record: SampleRecord) -> dict[str, list[Plain]]:
     """Returns the objects of a sample in columns."""
     entries = ["instance", "kind", "box", "whole", "visible"]
     # Only views from a robot have distances.
     if record.get("camera"):
         entries.append("distance")
+    objects: list[Mapping[str, Plain]] = [*record["objects"]]
     return {
-        _OBJECT_COLUMNS.get(entry, entry): [thing[entry] for thing in record["objects"]]
-        for entry in entries
+        _OBJECT_COLUMNS.get(entry, entry): [thing[entry] for thing in objects] for entry in entries
     }
 
 

@@ -16,7 +16,7 @@ from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.sums import read_sealed_lines, sealed_line
 from elitelanes_jax._util.threads import count_cores, start_thread
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.types import OptionValue
 from elitelanes_jax.dataset.planning import PlannedDataset
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
@@ -93,7 +93,7 @@ def _evolve_ahead(sizes: "Sequence[_Size]", pool: Pool) -> None:
             bar.count()
 
 
-def _read_round(file: Path) -> list[dict[str, Plain]] | None:
+def _read_round(file: Path) -> list[dict[str, OptionValue]] | None:
     """Reads the maps of a round. Returns None without a file, or if the file is damaged."""
     if not file.exists():
         return None

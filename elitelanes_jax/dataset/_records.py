@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.sums import read_sealed_lines, sealed_line
-from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._layouts import Layout
 from elitelanes_jax.dataset._samples import layer_names
+from elitelanes_jax.dataset.tables import SampleRecord
 from elitelanes_jax.maps.spec import SPLITS
 
 # The most samples that are listed at once, and that share a file of records or a shard.
@@ -169,14 +169,14 @@ class Samples(NamedTuple):
         """Returns the split of a sample."""
         return int(self.splits[index // self.views])
 
-    def read_split(self, split: int) -> Iterator[dict[str, Plain]]:
+    def read_split(self, split: int) -> Iterator[SampleRecord]:
         """Reads the records of a split's samples, in order."""
         for block in self.blocks_of(split):
             records = block.read_records()
             for index in block.indices:
                 yield json.loads(records[index].content)
 
-    def write_split(self, split: int, records: Iterable[dict[str, Plain]]) -> None:
+    def write_split(self, split: int, records: Iterable[SampleRecord]) -> None:
         """Writes the records of a split's samples, which come in order."""
         # The records come in the order of the blocks, so each block takes as many as it has
         # samples.
@@ -201,7 +201,7 @@ class Samples(NamedTuple):
             block.leave_out_damaged(layout, self.files)
 
 
-def record_line(index: int, record: dict[str, Plain], checksum: int = 0) -> bytes:
+def record_line(index: int, record: SampleRecord, checksum: int = 0) -> bytes:
     """Returns the line of a sample in the records of its block.
 
     It has a checksum of its own, the index, the checksum of the sample's files and the record. Only

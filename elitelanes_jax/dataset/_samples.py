@@ -1,8 +1,9 @@
 """Samples: what they have in common, and what each of them has."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._transforms import Transforms
 from elitelanes_jax.dataset._views import DrawnTransform
+from elitelanes_jax.dataset.tables import SampleRecord
 from elitelanes_jax.drive.camera_options import LaneCamera
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet
@@ -28,7 +30,7 @@ class Sample(NamedTuple):
     """
 
     layers: dict[str, NDArray[np.integer]]
-    record: dict[str, Plain]
+    record: SampleRecord
 
 
 def layer_names(*, has_objects: bool) -> tuple[str, ...]:
@@ -88,8 +90,8 @@ def describe(
     view: DrawnTransform,
     labels: NDArray[np.uint8],
     index: int,
-    about: dict[str, Plain],
-) -> dict[str, Plain]:
+    about: Mapping[str, Plain],
+) -> SampleRecord:
     """Returns the metadata of a sample, without entries that the map does not have.
 
     `chosen` is what `choose_pictures` returns.
@@ -114,4 +116,5 @@ def describe(
         **about,
         "class_pixels": [int(np.count_nonzero(labels == label)) for label in range(len(LABELS))],
     }
-    return {name: value for name, value in metadata.items() if value is not None}
+    present = {name: value for name, value in metadata.items() if value is not None}
+    return cast("SampleRecord", present)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.dataset._fields import NUMBER, TEXT, WHOLE, Contents, Field
 from elitelanes_jax.dataset._samples import Sample, layer_names
+from elitelanes_jax.dataset.tables import SampleRecord
 from elitelanes_jax.tiles.rendering import png_of
 
 # The rows of a row group. A reader of Parquet has all of them in memory at once.
@@ -29,7 +30,7 @@ class ShardSample(NamedTuple):
     """
 
     pictures: dict[str, bytes]
-    record: dict[str, Plain]
+    record: SampleRecord
 
 
 def encode_sample(sample: Sample) -> ShardSample:
@@ -93,7 +94,7 @@ def open_parquet(file: Path, contents: Contents) -> Iterator[Callable[[ShardSamp
                 layer: {"bytes": picture, "path": f"{name}.{layer}.png"}
                 for layer, picture in sample.pictures.items()
             }
-            rows.append(pictures | sample.record)
+            rows.append({**pictures, **sample.record})
             # Rows in memory are limited, because pictures may be large.
             if len(rows) == _ROWS:
                 flush()

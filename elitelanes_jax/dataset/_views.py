@@ -8,6 +8,7 @@ Points are (x, y) in pixels from the picture's top left corner, so that the firs
 (0, 0) to (1, 1).
 """
 
+from collections.abc import Sequence
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -16,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.dataset._transforms import Transforms
 
 # The scale below which a picture is first scaled down by area. Linear interpolation reads 2 x 2
@@ -151,7 +151,9 @@ def draw_view(
     return numbers.through(matrix / matrix[2, 2], frame, transforms)
 
 
-def warp(layer: NDArray[np.uint8], view: DrawnTransform, outside: Numeric = 0) -> NDArray[np.uint8]:
+def warp(
+    layer: NDArray[np.uint8], view: DrawnTransform, outside: int | Sequence[int] = 0
+) -> NDArray[np.uint8]:
     """Warps a layer into the view, with a value or colour beyond the map.
 
     A picture, uint8 ``[H, W, 3]``, by linear interpolation, or by area if it shrinks much; a mask

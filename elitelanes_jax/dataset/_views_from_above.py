@@ -16,6 +16,7 @@ from elitelanes_jax.dataset._variation import (
     vary_motion,
 )
 from elitelanes_jax.dataset._views import DrawnTransform, draw_view, photograph, warp
+from elitelanes_jax.dataset.tables import SeenObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import lay_all_flat
@@ -47,12 +48,20 @@ def draw_from_above(settings: SampleSettings, road_map: RoadMap, index: int) -> 
         # Arrays may be shared with the rendered map.
         layers = {name: layer.copy() for name, layer in layers.items()}
         instances["instances"], seen = paste_objects(layers, placed, order)
-        about["objects"] = []
+        listed: list[SeenObject] = []
         for number, item in zip(order, seen, strict=True):
             # Objects that are outside the view, or hidden by others, are no annotations.
             if item.visible:
-                names = {"kind": objects[number].kind, "instance": number + 1}
-                about["objects"].append(names | item._asdict())
+                listed.append(
+                    {
+                        "kind": objects[number].kind,
+                        "instance": number + 1,
+                        "box": item.box,
+                        "whole": item.whole,
+                        "visible": item.visible,
+                    }
+                )
+        about["objects"] = listed
     # Light, blur, noise and compression come last, because they change objects too.
     layers["image"] = _expose(layers["image"], view, transforms, [seed, index, 4])
     record = describe(settings, road_map, chosen, view, layers["labels"], index, about)

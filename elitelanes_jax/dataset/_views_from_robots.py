@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Plain, Pytree
+from elitelanes_jax._util.types import Numeric, OptionValue, Plain, Pytree
 from elitelanes_jax.dataset._samples import Sample, SampleSettings, choose_pictures, describe
 from elitelanes_jax.dataset._transforms import Transforms
 from elitelanes_jax.dataset._variation import compress, vary_motion
 from elitelanes_jax.dataset._views import DrawnTransform, photograph
-from elitelanes_jax.drive.camera_options import LaneCamera, PoseRanges, Variation
+from elitelanes_jax.dataset.tables import SeenObject
+from elitelanes_jax.drive.camera_options import Camera, LaneCamera, PoseRanges, Variation
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.drive.scene_making import PackedObjects, Room, pack_scenes
-from elitelanes_jax.drive.view_drawing import draw_some
+from elitelanes_jax.drive.view_drawing import Plan, Scenes, draw_some
 from elitelanes_jax.formats.objects import NEAR, MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.lanes.movements import movements_of
@@ -122,7 +123,7 @@ class RobotViews:
         maps: Sequence[RoadMap],
         indices: Sequence[int],
         chosen: Sequence[NDArray[np.int_]],
-    ) -> tuple[Pytree, Sequence[ObjectPictures]]:
+    ) -> tuple[Scenes, Sequence[ObjectPictures]]:
         """Returns the scenes of a batch, and the pictures of objects by their indices."""
         settings, pictures = self._settings, None
         # Furnished maps may have more objects than the maps before.
@@ -156,7 +157,7 @@ class RobotViews:
         road_map: RoadMap,
         index: int,
         chosen: NDArray[np.int_],
-        plan: Pytree,
+        plan: Plan,
         drawn: Pytree,
         pictures: Sequence[ObjectPictures],
     ) -> Sample:
@@ -196,7 +197,9 @@ def _pack_objects(objects: ObjectSet) -> PackedObjects:
 def _vary(camera: LaneCamera, transforms: Transforms, *, is_wide: bool) -> Variation:
     """Returns what varies between views. A range of 0 leaves its step out."""
     poses = {name: getattr(camera, name) for name in PoseRanges.options()}
-    looks = {name: value or None for name, value in transforms.values().items()}
+    looks: dict[str, OptionValue] = {
+        name: value or None for name, value in transforms.values().items()
+    }
     if is_wide:
         looks |= dict.fromkeys(("blur", "motion", "noise"))
     known = {name: value for name, value in looks.items() if name in Variation.options()}
@@ -219,12 +222,12 @@ def _blur_widely(
     return photograph(image, plain), transform
 
 
-def _number(value: Pytree) -> float:
+def _number(value: Numeric) -> float:
     """Returns a number of 32 bits as it is written in JSON."""
     return round(float(value), 7)
 
 
-def _about(plan: Pytree) -> dict[str, Plain]:
+def _about(plan: Plan) -> dict[str, Plain]:
     """Returns the entries of the metadata about the pose and the camera."""
     options = ("height", "forward", "pitch", "field_of_view")
     camera: dict[str, Plain] = {name: _number(getattr(plan.camera, name)) for name in options}
@@ -245,7 +248,7 @@ def _about(plan: Pytree) -> dict[str, Plain]:
     }
 
 
-def _transform_of(plan: Pytree, tile_px: int, size: tuple[int, ...]) -> DrawnTransform:
+def _transform_of(plan: Plan, tile_px: int, size: tuple[int, ...]) -> DrawnTransform:
     """Returns the transform from the plain map to a view, in front of a distorting lens."""
     x, y, theta = map(_number, plan.pose)
     # Points of the map in pixels become metres ahead of the camera and to the left.
@@ -266,7 +269,7 @@ def _transform_of(plan: Pytree, tile_px: int, size: tuple[int, ...]) -> DrawnTra
     )
 
 
-def _camera_matrix(camera: Pytree) -> Float[NDArray, "3 4"]:
+def _camera_matrix(camera: Camera) -> Float[NDArray, "3 4"]:
     """Returns the matrix from positions relative to a camera to points of its picture.
 
     The positions are in metres ahead of the camera, to the left, and above the ground.
@@ -288,7 +291,7 @@ def _list_objects(
     drawn: Pytree,
     transform: DrawnTransform,
     tile_px: int,
-) -> list[dict[str, Plain]]:
+) -> list[SeenObject]:
     """Lists the objects that are seen, from the farthest to the nearest one."""
     camera, counts = plan.camera, np.bincount(drawn.instances.ravel())
     listed = []
@@ -308,7 +311,7 @@ def _list_objects(
         whole, alone = measure_whole(
             placed, int(drawn.covered[number]), transform.size, NEAR, partial(_bend, camera)
         )
-        record = {
+        record: SeenObject = {
             "kind": thing.kind,
             "instance": number + 1,
             "box": [int(part) for part in box],
@@ -320,7 +323,7 @@ def _list_objects(
     return [record for _, _, record in sorted(listed, key=lambda item: item[:2])]
 
 
-def _from_camera(thing: MapObject, plan: Pytree) -> tuple[float, float]:
+def _from_camera(thing: MapObject, plan: Plan) -> tuple[float, float]:
     """Returns the metres from the camera ahead and to the left to an object."""
     pose = plan.pose
     cosine, sine = np.cos(pose.theta), np.sin(pose.theta)
@@ -331,7 +334,7 @@ def _from_camera(thing: MapObject, plan: Pytree) -> tuple[float, float]:
 
 
 def _stand(
-    thing: MapObject, shown: ObjectPictures, plan: Pytree, ahead: float, left: float
+    thing: MapObject, shown: ObjectPictures, plan: Plan, ahead: float, left: float
 ) -> Placed:
     """Places the picture of an upright object, in metres ahead of the camera, to the left and up.
 
@@ -352,7 +355,7 @@ def _stand(
     return Placed(pixels, np.array(matrix))
 
 
-def _bend(camera: Pytree, points: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
+def _bend(camera: Camera, points: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
     """Moves points of a picture as the camera's lens does."""
     if camera.distortion is None:
         return points

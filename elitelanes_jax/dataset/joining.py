@@ -10,16 +10,20 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.sums import SUMS, read_checked, read_sums
-from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._finishing import finish
 from elitelanes_jax.dataset._layouts import PART, RECORD, Layout, find_layout, foreign_to_dataset
 from elitelanes_jax.dataset._records import Samples
 from elitelanes_jax.dataset._samples import layer_names
+from elitelanes_jax.dataset.tables import (
+    DatasetRecord,
+    DatasetSettings,
+    SampleRecord,
+    read_dataset_record,
+)
 from elitelanes_jax.maps.parts import order_parts
 from elitelanes_jax.maps.spec import SPLITS, parse_part
 
@@ -27,7 +31,7 @@ from elitelanes_jax.maps.spec import SPLITS, parse_part
 @name_wrong_arguments
 def merge_dataset(
     parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False
-) -> dict[str, Plain]:
+) -> DatasetRecord:
     """Joins the parts of a dataset.
 
     Writes the folder that `make_dataset` writes without parts, byte for byte.
@@ -48,15 +52,14 @@ def merge_dataset(
     """
     folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
     # A folder that is no part is refused before anything is copied.
-    records = [_read_record(folder) for folder in folders]
-    identities = []
-    for about in records:
-        identities.append({name: value for name, value in about.items() if name != "part"})
+    numbers, identities = [], []
+    for folder in folders:
+        part, identity = _read_record(folder)
+        numbers.append(part)
+        identities.append(identity)
     # All parts must have the same settings, and the versions of this process.
     expected = identities[0] | {"versions": installed_versions()}
-    ordered = order_parts(
-        folders, [about["part"] for about in records], identities, expected, "dataset"
-    )
+    ordered = order_parts(folders, numbers, identities, expected, "dataset")
     # The layout's package may be missing, which is an error before anything is copied.
     layout = find_layout(expected["settings"]["format"])
     with output_folder(
@@ -78,10 +81,12 @@ def merge_dataset(
         return finish(samples, expected)
 
 
-def _read_record(folder: Path) -> dict[str, Plain]:
+def _read_record(folder: Path) -> tuple[tuple[int, int], DatasetRecord]:
+    """Returns the number of a part, and the record of the dataset without it."""
     try:
-        about = read_json(folder / RECORD)
-        about["part"] = parse_part(about["part"])
+        about = read_dataset_record(folder / RECORD)
+        part = parse_part(about["part"])
+        del about["part"]
         complete = "versions" in about and {"maps", "views"} <= set(about["settings"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         # An InputError is a ValueError.
@@ -90,7 +95,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
         raise InputError(folder, "a part of a dataset, made by elitelanes dataset --part", "none")
     # The records are checked once here. Pictures are checked while they are copied.
     read_checked(folder, PART, _read_sums(folder))
-    return about
+    return part, about
 
 
 def _read_sums(folder: Path) -> dict[str, str]:
@@ -112,7 +117,7 @@ def _copy_pictures(folder: Path, out: Path, layout: Layout) -> None:
             copied.write_bytes(read_checked(folder, name, sums))
 
 
-def _read_splits(folders: Sequence[Path], settings: dict[str, Plain]) -> NDArray[np.int_]:
+def _read_splits(folders: Sequence[Path], settings: DatasetSettings) -> NDArray[np.int_]:
     """Returns the split of each map."""
     splits = np.zeros(settings["maps"], np.int_)
     # All views of a map are in one split, so each of them sets the same number.
@@ -121,14 +126,14 @@ def _read_splits(folders: Sequence[Path], settings: dict[str, Plain]) -> NDArray
     return splits
 
 
-def _records_of(folders: Sequence[Path], split: int) -> Iterator[dict[str, Plain]]:
+def _records_of(folders: Sequence[Path], split: int) -> Iterator[SampleRecord]:
     """Yields the records of a split's samples, in order, as the parts are."""
     for other, record in _read_parts(folders):
         if other == split:
             yield record
 
 
-def _read_parts(folders: Sequence[Path]) -> Iterator[tuple[int, dict[str, Plain]]]:
+def _read_parts(folders: Sequence[Path]) -> Iterator[tuple[int, SampleRecord]]:
     for folder in folders:
         with (folder / PART).open(encoding="utf-8") as lines:
             # Lines are read one by one, because the records may not fit into memory.

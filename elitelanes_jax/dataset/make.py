@@ -10,7 +10,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, path, whole
 from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
-from elitelanes_jax._util.files import read_json, write_json
+from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.threads import count_cores
@@ -23,6 +23,7 @@ from elitelanes_jax.dataset._records import Samples
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.dataset.tables import DatasetRecord, read_dataset_record
 from elitelanes_jax.drive.camera_options import sees_ground
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.faults import announce_without_room
@@ -37,7 +38,7 @@ def make_dataset(
     force: bool = False,
     executor: Engine | None = None,
     parts: int | None = None,
-) -> dict[str, Plain]:
+) -> DatasetRecord:
     """Evolves maps, draws them, and writes them as a dataset.
 
     The same specification gives the same files, byte for byte, with any number of workers. If a run
@@ -78,7 +79,7 @@ def make_planned(
     workers: int | None = None,
     force: bool = False,
     pool: Pool | None = None,
-) -> dict[str, Plain]:
+) -> DatasetRecord:
     """Makes a planned dataset; the other arguments, and the errors, are those of `make_dataset`."""
     spec, identity = plan.spec, plan.identity
     out = Path(check_named("out", path, out))
@@ -122,7 +123,7 @@ def make_planned(
     return about
 
 
-def _read_complete(out: Path, asked: dict[str, Plain], force: bool) -> dict[str, Plain] | None:
+def _read_complete(out: Path, asked: DatasetRecord, force: bool) -> DatasetRecord | None:
     """Returns the record of the dataset in the folder.
 
     Returns None if the folder has no complete dataset, or if another one is replaced.
@@ -137,7 +138,7 @@ def _read_complete(out: Path, asked: dict[str, Plain], force: bool) -> dict[str,
             return None
         raise
     # The same dataset is there already, so nothing is done.
-    return read_json(out / RECORD)
+    return read_dataset_record(out / RECORD)
 
 
 def _inputs(spec: DatasetSpec) -> list[str | Path]:
@@ -176,7 +177,7 @@ def _make_maps(
         raise
 
 
-def _of_maps(identity: dict[str, Plain]) -> dict[str, Plain]:
+def _of_maps(identity: DatasetRecord) -> dict[str, Plain]:
     """Returns what an unfinished dataset has to have in common with the next run.
 
     This is all of `identity` but the objects.
@@ -188,7 +189,7 @@ def _of_maps(identity: dict[str, Plain]) -> dict[str, Plain]:
     return {"command": "dataset"} | maps | {"settings": settings}
 
 
-def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], force: bool) -> None:
+def _resume_pictures(out: Path, work: Unfinished, identity: DatasetRecord, force: bool) -> None:
     """Checks that the pictures so far have the objects of this run; with `force` deletes others."""
     file = work.kept / "pictures.json"
     if not file.exists():

@@ -12,6 +12,7 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._layouts import find_layout
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
+from elitelanes_jax.dataset.tables import DatasetRecord
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.lanes.movements import movements_of
@@ -45,7 +46,7 @@ class PlannedDataset(NamedTuple):
     searches: dict[tuple[int, int], Search]
     counts: dict[tuple[int, int], int]
     objects: ObjectSet | None
-    identity: dict[str, Plain]
+    identity: DatasetRecord
 
 
 def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
@@ -74,7 +75,7 @@ def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
     return PlannedDataset(spec, tiles, searches, counts, objects, identity)
 
 
-def _identify(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> dict[str, Plain]:
+def _identify(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> DatasetRecord:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
     # The pictures and the maps count, not their paths.

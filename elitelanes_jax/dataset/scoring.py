@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, one_of, path
 from elitelanes_jax._util.errors import InputError, brief
-from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._layouts import LAYOUTS, RECORD, Layout
+from elitelanes_jax.dataset.tables import DatasetRecord, SampleRecord, read_dataset_record
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABELS
@@ -77,9 +77,9 @@ def score_predictions(
     return _score_boxes(folder, predicted, layout, index)
 
 
-def _read_dataset(folder: Path) -> tuple[Layout, dict[str, Plain]]:
+def _read_dataset(folder: Path) -> tuple[Layout, DatasetRecord]:
     try:
-        about = read_json(folder / RECORD)
+        about = read_dataset_record(folder / RECORD)
         layout, _ = LAYOUTS[about["settings"]["format"]], about["pictures"]["test"]
     except (OSError, ValueError, KeyError, TypeError):
         got = "another one" if folder.exists() else "none"
@@ -113,7 +113,7 @@ def _score_labels(folder: Path, predictions: Path, layout: Layout, split: int) -
     return dict(zip(LABELS, shares.tolist(), strict=True)) | {"mean": float(np.nanmean(shares))}
 
 
-def _rows(folder: Path, layout: Layout, split: int) -> Iterator[dict[str, Plain]]:
+def _rows(folder: Path, layout: Layout, split: int) -> Iterator[SampleRecord]:
     """Reads the metadata of the pictures of a split."""
     with (folder / layout.list_file(split)).open(encoding="utf-8") as lines:
         for line in lines:

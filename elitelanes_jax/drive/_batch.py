@@ -38,6 +38,7 @@ from elitelanes_jax.drive._flat import (
     robots_of,
 )
 from elitelanes_jax.drive._host_arrays import Layout, writable
+from elitelanes_jax.drive._library_types import Params
 
 # The number of keys that a seed can name.
 _SEEDS = 2**64
@@ -77,7 +78,7 @@ class Batch:
     def __init__(
         self,
         environment: Environment,
-        params: Pytree,
+        params: Params,
         envs: int,
         mode: str,
         *,
@@ -125,7 +126,7 @@ class Batch:
         )
 
     @runs_jax
-    def replace_params(self, params: Pytree) -> None:
+    def replace_params(self, params: UserValue) -> None:
         """Replaces the options.
 
         The next step uses them. An episode that has begun stays on its level, and later resets
@@ -135,7 +136,7 @@ class Batch:
         Raises:
           InputError: for another type, or if a state or an observation would have another shape.
         """
-        check_named("params", instance(type(self.params)), params)
+        params = check_named("params", instance(type(self.params)), params)
         device_params = jax.device_put(params)
         if forms_of(self.environment, device_params, self._rows) != forms_of(
             self.environment, self._device_params, self._rows

@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Array, Bool, UInt32
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.types import Pytree
+from elitelanes_jax._util.types import Pytree, Tree
 from elitelanes_jax.drive._environment import Environment, Transition, level_at
 from elitelanes_jax.drive._flat import action_shape, observation_shape
 from elitelanes_jax.drive._host_arrays import Layout, Packed
+from elitelanes_jax.drive._library_types import Params
 from elitelanes_jax.network.bits import THREEFRY, fold_in
 
 NEXT_STEP, SAME_STEP, DISABLED = "NextStep", "SameStep", "Disabled"
@@ -45,7 +46,7 @@ def reset_batch(
     carry: Carry,
     chosen: Array,
     levels: Array | None,
-    params: Pytree,
+    params: Params,
     *,
     environment: Environment,
 ) -> tuple[Carry, Array]:
@@ -68,7 +69,7 @@ def reset_batch(
 
 @partial(jax.jit, static_argnames=("environment", "mode"), donate_argnames="carry")
 def step_batch(
-    carry: Carry, actions: Array, params: Pytree, *, environment: Environment, mode: str
+    carry: Carry, actions: Array, params: Params, *, environment: Environment, mode: str
 ) -> tuple[Carry, tuple[Array, Array | None], Packed]:
     """Makes a step of all environments.
 
@@ -121,7 +122,7 @@ def _renew(
     chosen: Array,
     keys: Array,
     state: Pytree,
-    params: Pytree,
+    params: Params,
     levels: Array | None = None,
 ) -> Pytree:
     """Returns the states of new episodes for the chosen environments.
@@ -142,7 +143,7 @@ def _renew(
     return jax.lax.cond(chosen.any(), renew, lambda: state)
 
 
-def _choose(condition: Bool[Array, " N"], chosen: Pytree, others: Pytree) -> Pytree:
+def _choose(condition: Bool[Array, " N"], chosen: Tree, others: Tree) -> Tree:
     """Returns the first states where the condition is true, and the others elsewhere."""
     return jax.tree.map(
         lambda one, other: jax.vmap(jnp.where)(condition, one, other), chosen, others
@@ -153,7 +154,7 @@ def _result(transition: Transition) -> Pytree:
     return transition.reward, transition.terminated, transition.truncated, transition.info
 
 
-def shapes_of(environment: Environment, params: Pytree, envs: int) -> tuple[Pytree, Pytree]:
+def shapes_of(environment: Environment, params: Params, envs: int) -> tuple[Pytree, Pytree]:
     """Returns the shapes and dtypes of the states, and of what `_result` returns."""
     action = action_shape(environment, params)
 
@@ -167,7 +168,7 @@ def shapes_of(environment: Environment, params: Pytree, envs: int) -> tuple[Pytr
     return jax.eval_shape(jax.vmap(step), keys)
 
 
-def forms_of(environment: Environment, params: Pytree, envs: int) -> Pytree:
+def forms_of(environment: Environment, params: Params, envs: int) -> Pytree:
     """Returns what must not change with the options: a structure, and its shapes and dtypes."""
     observation = observation_shape(environment, params)
     leaves, structure = jax.tree.flatten((observation, shapes_of(environment, params, envs)))

@@ -19,7 +19,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, WholeT
 from elitelanes_jax.drive._billboards import Billboards, make_billboards
 from elitelanes_jax.drive._hashing import fork, hash_normal
 from elitelanes_jax.drive._objects import Objects
@@ -156,7 +156,7 @@ def _list_tiles(
     return np.array([np.resize(row, longest) for row in rows], np.int32)
 
 
-def _has_tile(index: AnyArray, turns: AnyArray, count: int) -> AnyArray:
+def _has_tile(index: WholeT, turns: WholeT, count: int) -> Untyped:
     """Returns whether an atlas of `count` tiles has the picture of an index, turned by quarters.
 
     The arguments are numbers or arrays.
@@ -392,8 +392,9 @@ def render_view(
             jnp.where(inside, (pixel >> (8 * channel) & 255).astype(jnp.float32), around)
             * camera.light
         )
-        if noise_seed is not None:
-            colour += camera.noise * hash_normal(fork(noise_seed, channel), colour.shape)
+        if noise_seed is not None and camera.noise is not None:
+            normals = hash_normal(fork(noise_seed, channel), colour.shape)
+            colour += jnp.multiply(camera.noise, normals)
         colours.append(jnp.clip(jnp.round(colour), 0, 255).astype(jnp.uint32))
     red, green, blue = colours
     # One word for each pixel is one loop. Bytes that are stacked are a loop for each, without the

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.types import Numeric, Pytree
+from elitelanes_jax._util.types import Numeric, Tree
 from elitelanes_jax.drive._distances import NO_WAY
 from elitelanes_jax.drive._lane_drive_records import LaneDriveParams, LaneDriveState
 from elitelanes_jax.drive.lanes import Pose
@@ -22,7 +22,7 @@ TileReader: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 """A function that returns the code and the ways of the tile at a row and a column."""
 
 
-def read_at(tree: Pytree, *index: Array) -> Pytree:
+def read_at(tree: Tree, *index: Array) -> Tree:
     """Returns the elements of a pytree's arrays at an index, one number for each of the first axes."""
     return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
 

@@ -14,7 +14,7 @@ from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Pytree, Untyped
+from elitelanes_jax._util.types import Pytree, Tree, Untyped
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -133,7 +133,7 @@ def auto_reset(environment: Environment) -> Environment:
     return environment._replace(step=name_wrong_arguments(step))
 
 
-def _next_state(transition: Transition, first: Pytree) -> Pytree:
+def _next_state(transition: Transition, first: Tree) -> Tree:
     """Returns the state with which an environment goes on after a step.
 
     If the episode has ended, this is the first state of a new episode, otherwise the next state.

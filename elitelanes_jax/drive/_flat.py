@@ -12,6 +12,7 @@ from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.drive._environment import Environment, Transition
+from elitelanes_jax.drive._library_types import Params
 
 
 @name_wrong_arguments
@@ -72,15 +73,15 @@ def _flattened(environment: Environment, *, channels_first: bool) -> Environment
             return jnp.moveaxis(array, -1, 0)
         return array
 
-    def reset(key: Key[Array, ""], params: Pytree) -> tuple[Array, Pytree]:
+    def reset(key: Key[Array, ""], params: Params) -> tuple[Array, Pytree]:
         observation, state = environment.reset(key, params)
         return to_array(observation), state
 
-    def reset_to_level(key: Key[Array, ""], level: Pytree, params: Pytree) -> tuple[Array, Pytree]:
+    def reset_to_level(key: Key[Array, ""], level: Pytree, params: Params) -> tuple[Array, Pytree]:
         observation, state = environment.reset_to_level(key, level, params)
         return to_array(observation), state
 
-    def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
+    def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Params) -> Transition:
         transition = environment.step(key, state, action, params)
         # An environment may lack some metrics. These are None, and are left out.
         info = transition.info._asdict()
@@ -91,7 +92,7 @@ def _flattened(environment: Environment, *, channels_first: bool) -> Environment
             info=metrics,
         )
 
-    def observe(state: Pytree, params: Pytree) -> Array:
+    def observe(state: Pytree, params: Params) -> Array:
         return to_array(environment.observe(state, params))
 
     return Environment(
@@ -112,7 +113,7 @@ def action_space(environment: Environment, spaces: Untyped) -> Untyped:
     return spaces.Box(-1.0, 1.0, (environment.action_size,))
 
 
-def observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
+def observation_space(environment: Environment, params: Params, spaces: Untyped) -> Untyped:
     """Returns the space of observations of a flattened environment, from a module with `Box`.
 
     It is that of one robot.
@@ -125,7 +126,7 @@ def observation_space(environment: Environment, params: Pytree, spaces: Untyped)
     return spaces.Box(-np.inf, np.inf, observation.shape)
 
 
-def robots_of(environment: Environment, params: Pytree) -> int:
+def robots_of(environment: Environment, params: Params) -> int:
     """Returns the number of robots that share a state; checks that the options have it."""
     if not environment.shared:
         return 1
@@ -136,7 +137,7 @@ def robots_of(environment: Environment, params: Pytree) -> int:
     return robots
 
 
-def observation_shape(environment: Environment, params: Pytree) -> jax.ShapeDtypeStruct:
+def observation_shape(environment: Environment, params: Params) -> jax.ShapeDtypeStruct:
     observation, _ = jax.eval_shape(lambda: environment.reset(jax.random.key(0), params))
     return observation
 

@@ -1,16 +1,18 @@
 """Arrays of compiled functions as arrays of NumPy, few and without copies."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import PyTreeDef
 from jaxtyping import Array
 
 from elitelanes_jax._util.types import AnyArray, Pytree
 
-Packed = tuple[dict[str, AnyArray], list[AnyArray]]
+Packed = tuple[Mapping[str, AnyArray], Sequence[AnyArray]]
 
 
 class Layout(NamedTuple):
@@ -24,7 +26,7 @@ class Layout(NamedTuple):
         dtype; None for another leaf.
     """
 
-    structure: Pytree
+    structure: PyTreeDef
     rows: list[tuple[str, int] | None]
 
     @classmethod

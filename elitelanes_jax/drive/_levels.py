@@ -12,7 +12,7 @@ from elitelanes_jax._util.checks import check_named, clip_to_int32, whole
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax._util.types import ArrayOrRows, Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive._objects import Objects, make_objects
 from elitelanes_jax.drive.lanes import check_lane
@@ -90,7 +90,7 @@ def _check_distance(name: str, tiles: UserValue) -> Int[ArrayLike, ""]:
 
 @divide_batches
 def _random_level(
-    key: Array, grid: AnyArray, least: Int[ArrayLike, ""], most: Int[ArrayLike, ""]
+    key: Array, grid: ArrayOrRows, least: Int[ArrayLike, ""], most: Int[ArrayLike, ""]
 ) -> Level:
     links = jnp.asarray(linked_codes(grid))
     width = links.shape[1]

@@ -48,4 +48,4 @@ if TYPE_CHECKING:
 
 else:
     GymnasiumEnv = GymnasiumVectorEnv = StableBaselines3VecEnv = PufferLibEnv = Untyped
-    JaxMarlEnv = PettingZooEnv = Untyped
+    JaxMarlEnv = PettingZooEnv = Params = Untyped

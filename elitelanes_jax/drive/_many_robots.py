@@ -20,7 +20,7 @@ from elitelanes_jax.drive._batch import Batch
 from elitelanes_jax.drive._batch_programs import DISABLED
 from elitelanes_jax.drive._environment import Environment
 from elitelanes_jax.drive._flat import action_space, flattened, observation_space, robots_of
-from elitelanes_jax.drive._library_types import JaxMarlEnv, PettingZooEnv
+from elitelanes_jax.drive._library_types import JaxMarlEnv, Params, PettingZooEnv
 from elitelanes_jax.drive._wrapper_base import (
     HasParams,
     check_module,
@@ -31,7 +31,7 @@ from elitelanes_jax.drive._wrapper_base import (
 
 
 @name_wrong_arguments
-def jaxmarl_env(environment: Environment, params: Pytree, jaxmarl: Untyped) -> JaxMarlEnv:
+def jaxmarl_env(environment: Environment, params: Params, jaxmarl: Untyped) -> JaxMarlEnv:
     """Makes a `MultiAgentEnv` of JaxMARL 0.2, for its loops: a robot is an agent.
 
     Observations are float32 vectors, see `flatten`. `step` resets automatically, `step_env` does
@@ -113,7 +113,7 @@ def jaxmarl_env(environment: Environment, params: Pytree, jaxmarl: Untyped) -> J
 @name_wrong_arguments
 def pettingzoo_env(
     environment: Environment,
-    params: Pytree,
+    params: Params,
     pettingzoo: Untyped,
     *,
     render: Callable[[Pytree], NDArray[np.uint8]] | None = None,

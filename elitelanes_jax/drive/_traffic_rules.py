@@ -11,7 +11,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, one_of, whole
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.lanes.movements import EXIT, TURNS
 
 RULES = ("allway_stop", "right_before_left", "traffic_light")
@@ -108,11 +108,11 @@ def check_rule(rule: UserValue) -> TrafficRule:
     _check_flags("by_arrival", rule.by_arrival, _shape(rule.by_arrival) == (), "")
     phases, *headings = _shape(rule.green) or [0]
     _check_flags("green", rule.green, phases > 0 and headings == [4], "P, 4")
-    steps: Numeric = rule.phase_steps
+    steps = rule.phase_steps
     is_integer = _shape(steps) == () and jnp.issubdtype(jnp.result_type(steps), jnp.integer)
     # The number of a tracer is not known.
     is_known = is_integer and not isinstance(steps, jax.core.Tracer)
-    if not is_integer or (is_known and not 1 <= steps <= _MOST_STEPS):
+    if not is_integer or (is_known and not 1 <= np.asarray(steps) <= _MOST_STEPS):
         expected = f"a whole number, 1 to {_MOST_STEPS}"
         raise InputError("phase_steps", expected, shorten(repr(steps)))
     return TrafficRule(*map(frozen_copy, rule))

@@ -21,6 +21,7 @@ from elitelanes_jax.drive._batch_programs import DISABLED, NEXT_STEP, SAME_STEP
 from elitelanes_jax.drive._environment import Environment
 from elitelanes_jax.drive._library_types import (
     GymnasiumVectorEnv,
+    Params,
     PufferLibEnv,
     StableBaselines3VecEnv,
 )
@@ -38,7 +39,7 @@ _Render = Callable[[Pytree], NDArray[np.uint8]]
 @name_wrong_arguments
 def gymnasium_vector_env(
     environment: Environment,
-    params: Pytree,
+    params: Params,
     gymnasium: Untyped,
     *,
     envs: int = 256,
@@ -227,7 +228,7 @@ def _final_infos(
 @name_wrong_arguments
 def sb3_vec_env(
     environment: Environment,
-    params: Pytree,
+    params: Params,
     stable_baselines3: Untyped,
     *,
     envs: int = 256,
@@ -357,7 +358,7 @@ def _last_info(done: Outcome, index: int) -> dict[str, Untyped]:
 @name_wrong_arguments
 def puffer_env(
     environment: Environment,
-    params: Pytree,
+    params: Params,
     pufferlib: Untyped,
     *,
     envs: int = 256,

@@ -1,7 +1,7 @@
 """What all wrappers share: checks of their arguments, and the options that a caller may replace."""
 
 from collections.abc import Callable, Mapping
-from typing import Self
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,10 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import Batch
+from elitelanes_jax.drive._library_types import Params
 
 
-def check_module(params: Pytree, module: Untyped, name: str, argument: str, needed: str) -> None:
+def check_module(params: Params, module: Untyped, name: str, argument: str, needed: str) -> None:
     """Checks the options of an environment, and that a module has what is needed.
 
     `needed` is the name of a class or module, such as ``vector.VectorEnv``.
@@ -65,6 +66,9 @@ _FIXED = frozenset(
     | {"num_envs", "num_agents", "autoreset_mode", "render_mode"}
 )
 
+# Beartype takes `Self` in whole classes that it decorates, and jaxtyping decorates methods.
+W = TypeVar("W", bound="HasParams")
+
 
 class HasParams:
     """The options of a wrapper, which the caller may replace, see `Batch.replace_params`."""
@@ -73,11 +77,11 @@ class HasParams:
     _is_made = False
 
     @property
-    def params(self) -> Pytree:
+    def params(self) -> Params:
         return self._batch.params
 
     @params.setter
-    def params(self, params: Pytree) -> None:
+    def params(self, params: UserValue) -> None:
         self._batch.replace_params(params)
 
     def __setattr__(self, name: str, value: UserValue) -> None:
@@ -98,7 +102,7 @@ class HasParams:
             )
         super().__setattr__(name, value)
 
-    def made(self) -> Self:
+    def made(self: W) -> W:
         """Returns the environment, which is complete from here on."""
         self._is_made = True
         return self

@@ -26,7 +26,7 @@ from elitelanes_jax.drive._flat import action_shape, action_space, flattened, ob
 from elitelanes_jax.drive._lane_drive import LaneDrive
 from elitelanes_jax.drive._lane_drive_records import LaneDriveParams
 from elitelanes_jax.drive._levels import check_maps, draw_levels
-from elitelanes_jax.drive._library_types import GymnasiumEnv
+from elitelanes_jax.drive._library_types import GymnasiumEnv, Params
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.drive._road_traffic import RoadTraffic
 from elitelanes_jax.drive._road_traffic_records import RoadTrafficParams
@@ -127,7 +127,7 @@ def _check_settings(params: type[Record], settings: Mapping[str, UserValue]) -> 
     check_names(settings, [option for option in params.options() if option != "levels"])
 
 
-def _makers(params: Pytree, spaces: Untyped) -> Untyped:
+def _makers(params: Params, spaces: Untyped) -> Untyped:
     """Takes the needed classes out of a module.
 
     Rejax copies environments, and modules cannot be copied.
@@ -156,7 +156,7 @@ class GymnaxEnv:
     """
 
     def __init__(
-        self, environment: Environment, params: Pytree, spaces: Untyped, *, values: int = 6
+        self, environment: Environment, params: Params, spaces: Untyped, *, values: int = 6
     ) -> None:
         """Wraps an environment.
 
@@ -195,31 +195,31 @@ class GymnaxEnv:
         super().__setattr__(name, value)
 
     @runs_jax
-    def reset(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
+    def reset(self, key: Key[Array, ""], params: Params | None = None) -> tuple[Array, Pytree]:
         """Starts an episode on a level drawn from the parameters: (observation, state)."""
         return self._environment.reset(key, self.default_params if params is None else params)
 
     def step(
-        self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None
+        self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Params | None = None
     ) -> tuple[Pytree, ...]:
         """Makes a step, and a reset if the episode ended."""
         return self._step(self._resetting, key, state, action, params)
 
-    def reset_env(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
+    def reset_env(self, key: Key[Array, ""], params: Params | None = None) -> tuple[Array, Pytree]:
         """Does the same as `reset`."""
         return self.reset(key, params)
 
     def step_env(
-        self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None
+        self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Params | None = None
     ) -> tuple[Pytree, ...]:
         """Makes a step without a reset."""
         return self._step(self._environment, key, state, action, params)
 
-    def action_space(self, params: Pytree = None) -> Untyped:
+    def action_space(self, params: Params | None = None) -> Untyped:
         """Returns the space of actions."""
         return action_space(self._environment, self._spaces)
 
-    def observation_space(self, params: Pytree = None) -> Untyped:
+    def observation_space(self, params: Params | None = None) -> Untyped:
         """Returns the space of observations."""
         return observation_space(
             self._environment, self.default_params if params is None else params, self._spaces
@@ -227,7 +227,12 @@ class GymnaxEnv:
 
     @runs_jax
     def _step(
-        self, environment: Environment, key: Array, state: Pytree, action: Pytree, params: Pytree
+        self,
+        environment: Environment,
+        key: Array,
+        state: Pytree,
+        action: Pytree,
+        params: Params | None,
     ) -> tuple[Pytree, ...]:
         params = self.default_params if params is None else params
         done = environment.step(key, state, action, params)
@@ -247,7 +252,7 @@ class GymnaxEnv:
 @name_wrong_arguments
 def gymnasium_env(
     environment: Environment,
-    params: Pytree,
+    params: Params,
     gymnasium: Untyped,
     *,
     render: Callable[[Pytree], NDArray[np.uint8]] | None = None,

@@ -9,7 +9,7 @@ from math import atan, degrees, radians, tan
 from elitelanes_jax._util.checks import none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, number_or_array, static, traced
-from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax._util.types import Numbers, Numeric, UserValue
 from elitelanes_jax._util.words import parse_words
 
 STEEPEST, WIDEST = 90, 175
@@ -64,11 +64,11 @@ class Camera(Record):
     forward: Numeric = traced(0.066, real(-1, 1))
     pitch: Numeric = traced(19.15, real(-90, 90))
     field_of_view: Numeric = traced(75.0, real(1, 170))
-    distortion: Numeric = traced(None, none_or(_pair), _check_distortion)
+    distortion: Numbers | None = traced(None, none_or(_pair), _check_distortion)
     light: Numeric = traced(1.0, real(0, 10))
-    noise: Numeric = traced(None, none_or(real(0, 255)))
-    ground: Numeric = traced((86.0, 118.0, 72.0), _colour, _check_colour)
-    sky: Numeric = traced((115.0, 210.0, 255.0), _colour, _check_colour)
+    noise: Numeric | None = traced(None, none_or(real(0, 255)))
+    ground: Numbers = traced((86.0, 118.0, 72.0), _colour, _check_colour)
+    sky: Numbers = traced((115.0, 210.0, 255.0), _colour, _check_colour)
     rows: int = static(48, whole(1, 4096))
     columns: int = static(64, whole(1, 4096))
     objects: int | None = static(8, none_or(whole(1, 64)))
@@ -91,7 +91,7 @@ class PoseRanges(Record):
     offset: Numeric = traced(0.1, real(0, 0.2))
     heading: Numeric = traced(30.0, real(0, 180))
     wobble: Numeric = traced(0.05, real(0, 0.5))
-    lines: Numeric = traced(None, none_or(real(0, 0.08)))
+    lines: Numeric | None = traced(None, none_or(real(0, 0.08)))
 
 
 @dataclass(frozen=True)
@@ -120,20 +120,20 @@ class Variation(PoseRanges):
       noise: largest standard deviation of noise in grey levels, 0 to 64.
     """
 
-    horizon: Numeric = traced(None, none_or(real(0, 1)))
-    haze: Numeric = traced(None, none_or(real(0, 128)))
-    background: Numeric = traced(None, none_or(real(0, 1)))
-    shadow: Numeric = traced(None, none_or(real(0, 1)))
-    vignette: Numeric = traced(None, none_or(real(0, 1)))
-    gamma: Numeric = traced(None, none_or(real(0, 2)))
-    saturation: Numeric = traced(None, none_or(real(0, 1)))
-    warmth: Numeric = traced(None, none_or(real(0, 0.5)))
-    light: Numeric = traced(None, none_or(real(0, 1)))
-    contrast: Numeric = traced(None, none_or(real(0, 1)))
-    colour: Numeric = traced(None, none_or(real(0, 1)))
-    motion: Numeric = traced(None, none_or(real(0, 2.9)))
-    blur: Numeric = traced(None, none_or(real(0, 1)))
-    noise: Numeric = traced(None, none_or(real(0, 64)))
+    horizon: Numeric | None = traced(None, none_or(real(0, 1)))
+    haze: Numeric | None = traced(None, none_or(real(0, 128)))
+    background: Numeric | None = traced(None, none_or(real(0, 1)))
+    shadow: Numeric | None = traced(None, none_or(real(0, 1)))
+    vignette: Numeric | None = traced(None, none_or(real(0, 1)))
+    gamma: Numeric | None = traced(None, none_or(real(0, 2)))
+    saturation: Numeric | None = traced(None, none_or(real(0, 1)))
+    warmth: Numeric | None = traced(None, none_or(real(0, 0.5)))
+    light: Numeric | None = traced(None, none_or(real(0, 1)))
+    contrast: Numeric | None = traced(None, none_or(real(0, 1)))
+    colour: Numeric | None = traced(None, none_or(real(0, 1)))
+    motion: Numeric | None = traced(None, none_or(real(0, 2.9)))
+    blur: Numeric | None = traced(None, none_or(real(0, 1)))
+    noise: Numeric | None = traced(None, none_or(real(0, 64)))
 
     @classmethod
     def varied(cls) -> "Variation":
@@ -193,4 +193,4 @@ def sees_ground(camera: LaneCamera) -> bool:
     if camera.distortion is not None:
         # A lens moves a ray outwards by a factor of at most 9 / 4, see `_camera._undistort`.
         below_axis = degrees(atan(9 / 4 * tan(radians(below_axis))))
-    return pitch + below_axis > 0
+    return bool(pitch + below_axis > 0)

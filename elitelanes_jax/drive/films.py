@@ -11,6 +11,7 @@ import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int32, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
@@ -19,11 +20,11 @@ from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Pytree, UserValue
-from elitelanes_jax.drive._billboards import make_billboards
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.drive._billboards import Billboards, make_billboards
 from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
 from elitelanes_jax.drive._levels import Level
-from elitelanes_jax.drive._objects import make_objects
+from elitelanes_jax.drive._objects import Objects, make_objects
 from elitelanes_jax.drive.lanes import Pose, lane_point
 from elitelanes_jax.drive.rides import RATE, Rides
 from elitelanes_jax.drive.robot import TILE, Robot
@@ -194,11 +195,11 @@ class _Scene(NamedTuple):
       billboards: the pictures of objects; None without objects.
     """
 
-    cells: Pytree
-    atlas: Pytree
+    cells: Int32[Array, "H W"]
+    atlas: UInt8[Array, "T P P 4"]
     camera: Camera
-    objects: Pytree
-    billboards: Pytree
+    objects: Objects | None
+    billboards: Billboards | None
 
 
 def _make_scene(road_map: RoadMap, picture: Picture, size: int) -> _Scene:
@@ -248,13 +249,13 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 
 @runs_jax
 @jax.jit
-def _look(poses: Pose, scene: _Scene) -> Pytree:
+def _look(poses: Pose, scene: _Scene) -> UInt8[Array, "N rows columns 3"]:
     """Returns the camera's picture at each pose.
 
     A film has no noise, so the seed does not matter.
     """
 
-    def look_from(pose: Pose) -> Pytree:
+    def look_from(pose: Pose) -> Array:
         seed = jnp.uint32(0)
         view = render_view(
             seed, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards

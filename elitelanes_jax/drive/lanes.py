@@ -10,7 +10,6 @@ a Python number, which compiled programs contain. A tile set may have its own
 (`TileSet.lane_offset`).
 """
 
-from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -33,7 +32,7 @@ from elitelanes_jax._util.checks import (
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import one_number
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Numeric, UserValue
 from elitelanes_jax.lanes.curves import (
     LANE_OFFSET,
     check_lane_offset,
@@ -82,7 +81,8 @@ one if none is open.
 """
 
 
-R = TypeVar("R", bound=tuple[UserValue, ...])
+# Beartype takes `type[R]` of a class, not of `tuple[...]`.
+R = TypeVar("R", bound=tuple)
 
 
 def single(kind: type[R]) -> Check[R]:
@@ -97,7 +97,7 @@ def single(kind: type[R]) -> Check[R]:
     words = "numbers" if is_pose else "whole numbers"
 
     def check(value: UserValue) -> R:
-        fields: Iterable[Numeric] = instance(kind)(value)
+        fields = instance(kind)(value)
         if any(map(np.ndim, fields)):
             hint = "jax.vmap takes several"
             raise InputError("", f"one {kind.__name__}", shorten(repr(value)), hint)
@@ -175,7 +175,7 @@ def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
     return jnp.asarray(MOVEMENTS)[linked_codes(grid)]
 
 
-def check_lane(codes: AnyArray) -> None:
+def check_lane(codes: ArrayOrRows) -> None:
     """Raises `InputError` for a grid without a movement.
 
     Traced codes are unknown and not checked.
@@ -356,7 +356,8 @@ def ground_at(grid: Int[Array, "H W"], x: Float[ArrayLike, ""], y: Float[ArrayLi
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     # JAX would read the nearest cell for an index beyond the grid.
     code = jnp.where(inside, grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)], 0)
-    east, south = x - column.astype(jnp.float32), y - row.astype(jnp.float32)
+    east = jnp.subtract(x, column.astype(jnp.float32))
+    south = jnp.subtract(y, row.astype(jnp.float32))
     return Ground(row, column, code, on_road(code, east, south))
 
 

@@ -48,8 +48,8 @@ class Robot(Record):
     wheel_distance: Numeric = traced(0.102, real(0, 1, exclusive=True))
     width: Numeric = traced(0.15, real(0, 1))
     trim: Numeric = traced(0.0, real(-0.5, 0.5))
-    noise: Numeric = traced(None, none_or(real(0, 1)))
-    latency: Numeric = traced(None, none_or(real(0, _DELAYS - 1)))
+    noise: Numeric | None = traced(None, none_or(real(0, 1)))
+    latency: Numeric | None = traced(None, none_or(real(0, _DELAYS - 1)))
 
 
 class Wheels(NamedTuple):
@@ -101,6 +101,7 @@ def drive(
         commands = jnp.concatenate([shares[None], commands[:-1]])
         age = jnp.arange(_DELAYS, dtype=jnp.float32)
         # A latency between two steps mixes the commands of both, in proportion.
+        assert robot.latency is not None
         weights = jnp.maximum(1 - jnp.abs(age - robot.latency), 0)
         shares = rounded(weights[:, None] * commands).sum(axis=0)
     if robot.noise is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.packages import __version__
-from elitelanes_jax._util.types import AnyArray, Plain
+from elitelanes_jax._util.types import ArrayOrRows, Plain
 from elitelanes_jax.explorer._shown import ShownRun
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
@@ -56,7 +56,7 @@ class _Blob:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def add(self, array: AnyArray, dtype: str) -> dict[str, Plain]:
+    def add(self, array: ArrayOrRows, dtype: str) -> dict[str, Plain]:
         """Adds an array; returns the table that represents it."""
         # The page reads little-endian numbers on all machines.
         content = np.ascontiguousarray(array, np.dtype(dtype).newbyteorder("<")).tobytes()
@@ -95,7 +95,7 @@ def make_payload(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: 
     blob = _Blob()
     # A map of this size needs a random number for each of its cells.
     cells = max(run.grids[0].size for run in runs)
-    values = {
+    values: dict[str, Plain] = {
         "format": _FORMAT,
         "version": __version__,
         "title": title,
@@ -221,13 +221,12 @@ def _object_values() -> dict[str, Plain]:
     """
     by_kind: dict[str, Plain] = {}
     for kind, pictures in load_objects().kinds.items():
-        by_kind[kind] = []
+        shown: list[dict[str, Plain]] = []
         for picture in pictures:
             image = _data_url(picture.top)
             # Height and footprint tell the page how large to draw the picture.
-            by_kind[kind].append(
-                {"image": image, "height": picture.height, "footprint": picture.footprint}
-            )
+            shown.append({"image": image, "height": picture.height, "footprint": picture.footprint})
+        by_kind[kind] = shown
     return {
         "kinds": dict(OBJECT_KINDS),
         "tags": dict(SIGN_TAGS),

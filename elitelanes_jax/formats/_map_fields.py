@@ -2,8 +2,8 @@
 
 import json
 import sys
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def show_value(value: Plain) -> str:
     return json.dumps(value, default=repr, skipkeys=True)
 
 
-def has_shape(table: list[list[Plain]], shape: tuple[int, ...]) -> bool:
+def has_shape(table: Sequence[Sequence[Plain]], shape: tuple[int, ...]) -> bool:
     height, width = shape
     return len(table) == height and all(len(row) == width for row in table)
 
@@ -94,7 +94,7 @@ def _are_cells(value: Plain) -> bool:
 
 
 def _is_cell(value: Plain) -> bool:
-    return _is_list(value, is_whole) and len(value) == 2 and min(value) >= 0
+    return _are_whole(value) and len(value) == 2 and min(value) >= 0
 
 
 def is_number(value: Plain) -> bool:
@@ -108,7 +108,7 @@ def _are_numbers_by_name(value: Plain) -> bool:
     return all(map(_is_text, value)) and all(map(is_number, value.values()))
 
 
-def _are_whole(value: Plain) -> bool:
+def _are_whole(value: Plain) -> TypeGuard[list[int]]:
     return _is_list(value, is_whole)
 
 

@@ -77,6 +77,7 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 value = anchors[event.anchor]
             case yaml.MappingEndEvent():
                 table, items = opened.pop()
+                assert isinstance(table, dict)
                 # A table gets its entries when it ends, so an outer table is still empty and cannot
                 # be merged.
                 unfilled = [outer for outer, _ in opened] + [table]
@@ -148,14 +149,15 @@ def _tables_of(value: Plain, unfilled: list[Plain]) -> list[Mapping[str, Plain]]
 
     If several tables have a key, the value of the first table counts.
     """
-    tables = value if isinstance(value, list) else [value]
-    for table in tables:
+    tables: list[Mapping[str, Plain]] = []
+    for table in value if isinstance(value, list) else [value]:
         if not isinstance(table, dict) or any(table is outer for outer in unfilled):
             raise InputError(
                 "",
                 f"readable YAML, for the key {_MERGE} a table or a list of tables",
                 brief(value, 40),
             )
+        tables.append(table)
     return tables
 
 

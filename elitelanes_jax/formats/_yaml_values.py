@@ -29,10 +29,10 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
       InputError: if there is no finite number; its subject is the name.
     """
     value = values.get(name, default)
-    with suppress(TypeError, ValueError):
+    with suppress(ValueError):
         # `float` would also read "1_000", which is no number here. A list is not made a text,
         # because the text may be longer than the memory.
-        if not isinstance(value, list | dict) and "_" not in str(value):
+        if isinstance(value, str | int | float) and "_" not in str(value):
             number = float(value)
             if isfinite(number):
                 return number

@@ -9,7 +9,7 @@ They agree on all kinds except ``3way_right``, to which gym-duckietown gives the
 together, and never write it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Int8
@@ -155,7 +155,8 @@ def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject]
       InputError: if it is not a Duckietown map, has an unknown kind of tile or of object, or a side
         over 1024 tiles.
     """
-    values = yaml_tree(text)
+    tree = yaml_tree(text)
+    values = tree if isinstance(tree, dict) else {}
     grid = _read_tiles(values)
     if not values.get("objects"):
         return grid, None
@@ -167,11 +168,9 @@ def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject]
     return grid, read_objects(values["objects"], len(grid), tile_size)
 
 
-def _read_tiles(values: Plain) -> Int8[np.ndarray, "H W"]:
+def _read_tiles(values: Mapping[str, Plain]) -> Int8[np.ndarray, "H W"]:
     """Reads the table of tiles of a file's values."""
-    rows = None
-    if isinstance(values, dict):
-        rows = values.get("tiles")
+    rows = values.get("tiles")
     if rows is None:
         raise InputError("", 'a Duckietown map, {"tiles": [[...], ...]}', 'no "tiles"')
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):

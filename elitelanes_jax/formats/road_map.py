@@ -15,7 +15,7 @@ from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
 from elitelanes_jax._util.progress import announce_at_end
-from elitelanes_jax._util.types import Plain, Untyped, UserValue
+from elitelanes_jax._util.types import OptionValue, Plain, Untyped, UserValue
 from elitelanes_jax.formats._map_fields import (
     FIELDS,
     Drawn,
@@ -80,7 +80,7 @@ class RoadMap:
         # A change of the codes would contradict the metrics.
         codes = frozen_copy(known_grid(self.codes))
         height, width = codes.shape
-        fields: dict[str, Plain] = {"codes": codes}
+        fields: dict[str, OptionValue] = {"codes": codes}
         # Every field becomes a plain value, so a map made in Python equals the map that its file
         # gives.
         for name, (fits, expected) in FIELDS.items():

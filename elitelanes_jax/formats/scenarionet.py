@@ -7,10 +7,10 @@ read them.
 
 import os
 import pickle
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import Plain, Untyped, UserValue
 from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Traffic, make_traffic
 from elitelanes_jax.formats.streets import Streets
 
@@ -63,7 +63,7 @@ def to_scenarionet(
     """
     traffic = make_traffic(source, streets, seed)
     steps = _steps_before_return(traffic.logs[0], streets)
-    tracks: dict[str, Plain] = {}
+    tracks: dict[str, _Track] = {}
     # A car gets the next number when it is kept, so the first one is always car 0, which MetaDrive
     # controls.
     for log in _without_touching(traffic.logs, traffic.sides):
@@ -152,9 +152,17 @@ def _without_touching(logs: list[Log], sides: CarSides) -> list[Log]:
     return clear_logs
 
 
-def _track(number: str, log: Log, sides: CarSides, steps: int) -> dict[str, Plain]:
+class _Track(TypedDict):
+    """The track of a car: an array of each part of its state, with a row for each step."""
+
+    type: str
+    state: dict[str, NDArray]
+    metadata: dict[str, Plain]
+
+
+def _track(number: str, log: Log, sides: CarSides, steps: int) -> _Track:
     """Returns the track of a car in the first steps of its log."""
-    state: dict[str, Plain] = {
+    state: dict[str, NDArray] = {
         "position": _floats(log.position[:steps], 3),
         "heading": log.heading[:steps].astype("<f4"),
         "velocity": _floats(log.velocity[:steps], 2),
@@ -162,7 +170,12 @@ def _track(number: str, log: Log, sides: CarSides, steps: int) -> dict[str, Plai
     }
     for name, side in sides._asdict().items():
         state[name] = np.full(steps, side, "<f4")
-    about = {"type": _VEHICLE, "object_id": number, "track_length": steps, "dataset": _DATASET}
+    about: dict[str, Plain] = {
+        "type": _VEHICLE,
+        "object_id": number,
+        "track_length": steps,
+        "dataset": _DATASET,
+    }
     return {"type": _VEHICLE, "state": state, "metadata": about}
 
 
@@ -197,16 +210,18 @@ def _floats(points: NDArray[np.complex128], dimensions: int) -> NDArray[np.float
     return coordinates[:, :dimensions].astype("<f4")
 
 
-def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
+def _summaries(tracks: Mapping[str, _Track], features: int) -> dict[str, Plain]:
     """Returns the numbers that ScenarioNet's filters read.
 
     They are those of each car, and those of the scenario.
     """
     cars: dict[str, Plain] = {}
+    distances: list[float] = []
     for number, track in tracks.items():
         position = track["state"]["position"]
         steps = len(position)
         distance = float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
+        distances.append(distance)
         cars[number] = {
             "type": _VEHICLE,
             "object_id": number,
@@ -216,7 +231,7 @@ def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
             "continuous_valid_length": steps,
         }
     # A car moves if its way is longer than 1 m.
-    moving = sum(car["moving_distance"] > 1 for car in cars.values())
+    moving = sum(distance > 1 for distance in distances)
     numbers: dict[str, Plain] = {
         "object_types": [_VEHICLE],
         "num_map_features": features,
@@ -268,7 +283,7 @@ def _read_metadata(file: Path) -> dict[str, Plain]:
     """
     content = file.read_bytes()
     try:
-        metadata: dict[str, Plain] = _Unpickler(BytesIO(content)).load()["metadata"]
+        metadata: dict[str, Untyped] = _Unpickler(BytesIO(content)).load()["metadata"]
         return metadata | {"ts": metadata["ts"].tolist()}
     except Exception:
         # A file that is no pickle raises errors of many kinds.

@@ -8,17 +8,17 @@ import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, text_name
-from elitelanes_jax._util.types import AnyArray, Numeric, Plain
+from elitelanes_jax._util.types import ArrayOrRows, Numeric, OptionValue
 from elitelanes_jax.network.plain_metrics import plain_measure
 
-Row = dict[str, Plain]
+Row = dict[str, OptionValue]
 """The measurements of a map.
 
 These are its name, `file`, its `height` and `width` in tiles, and its metrics, which are numbers.
 """
 
 
-def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
+def measure_maps(names: Sequence[str], grids: Sequence[ArrayOrRows]) -> list[Row]:
     """Measures grids, a row of the table for each.
 
     Grids are codes ``[H, W]`` of any shapes. `names` are those of their files.

@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import is_real
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import ArrayT, UserValue
 from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import BACK, Movement
 from elitelanes_jax.network.codes import SIDES
@@ -182,7 +182,7 @@ def _polyline_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarra
     return np.concatenate(parts)
 
 
-def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
+def on_road(code: ArrayT, east: ArrayT, south: ArrayT) -> ArrayT:
     """Returns whether points are on the road of their tile.
 
     The road is between the inner edges of the white tape. The road keeps away from closed sides and

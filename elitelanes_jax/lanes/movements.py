@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import Numeric
+from elitelanes_jax._util.types import Whole, WholeT
 from elitelanes_jax.lanes.links import Cell, Codes, linked_codes
 from elitelanes_jax.network.codes import SIDES
 
@@ -22,7 +22,7 @@ BACK = 3
 """The turn of a movement that leaves a dead end by the side where it came in."""
 
 
-def exit_heading(heading: Numeric, turn: Numeric) -> Numeric:
+def exit_heading(heading: WholeT, turn: WholeT) -> WholeT:
     """Returns the heading with which a movement leaves its tile.
 
     `turn` may be `BACK`.
@@ -31,7 +31,7 @@ def exit_heading(heading: Numeric, turn: Numeric) -> Numeric:
     return (heading + 1 - turn) & 3
 
 
-def turn_between(heading: Numeric, next_heading: Numeric) -> Numeric:
+def turn_between(heading: WholeT, next_heading: WholeT) -> WholeT:
     """Returns the turn of a movement that enters with a heading and leaves with another.
 
     The turn is `BACK` if the headings are opposite.
@@ -40,7 +40,7 @@ def turn_between(heading: Numeric, next_heading: Numeric) -> Numeric:
     return (heading - next_heading + 1) & 3
 
 
-def step_towards(heading: Numeric) -> tuple[Numeric, Numeric]:
+def step_towards(heading: WholeT) -> tuple[WholeT, WholeT]:
     """Returns the rows down and the columns right from a tile to its neighbour.
 
     The neighbour is in a heading, 0 to 3.
@@ -95,9 +95,9 @@ class LaneNode(NamedTuple):
       heading: 0 north, 1 east, 2 south, 3 west.
     """
 
-    row: Numeric
-    column: Numeric
-    heading: Numeric
+    row: Whole
+    column: Whole
+    heading: Whole
 
     @property
     def tile(self) -> Cell:
@@ -122,10 +122,10 @@ class Movement(NamedTuple):
       turn: 0 right, 1 straight, 2 left; 3 back, where a format's cars turn at dead ends.
     """
 
-    row: Numeric
-    column: Numeric
-    heading: Numeric
-    turn: Numeric
+    row: Whole
+    column: Whole
+    heading: Whole
+    turn: Whole
 
     @property
     def node(self) -> LaneNode:
@@ -133,7 +133,7 @@ class Movement(NamedTuple):
         return LaneNode(self.row, self.column, self.heading)
 
     @property
-    def exit(self) -> Numeric:
+    def exit(self) -> Whole:
         """The heading with which the tile is left."""
         return exit_heading(self.heading, self.turn)
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class Format(NamedTuple):
         """Returns the path of each file of a map in its folder; `name` is theirs without suffix."""
         return [f"{self.prefix}{name}{suffix}" for suffix in self.suffixes]
 
-    def files(self, road_map: RoadMap, name: str, **settings: OptionValue) -> dict[str, bytes]:
+    def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> dict[str, bytes]:
         """Returns the content of each file of a map by its path; `name` is theirs without suffix."""
         made = self.convert(road_map, name, **settings)
         contents = (made,) if isinstance(made, str | bytes) else made
@@ -133,32 +133,42 @@ def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
     ]
 
 
-def _sumo(road_map: RoadMap, name: str, **measures: OptionValue) -> Iterable[str]:
+class _Measures(TypedDict, total=False):
+    """The settings of a format of streets, see `Streets`."""
+
+    tile_size: float
+    lane: float
+    speed: float
+    right_of_way: str
+    origin: tuple[float, float]
+
+
+def _sumo(road_map: RoadMap, name: str, **measures: Unpack[_Measures]) -> Iterable[str]:
     from elitelanes_jax.formats.sumo import to_sumo
 
     return to_sumo(road_map, name, Streets(**measures))
 
 
-def _opendrive(road_map: RoadMap, name: str, **measures: OptionValue) -> str:
+def _opendrive(road_map: RoadMap, name: str, **measures: Unpack[_Measures]) -> str:
     from elitelanes_jax.formats.opendrive import to_opendrive
 
     return to_opendrive(road_map, Streets(**measures), name=name)
 
 
-def _lanelet2(road_map: RoadMap, name: str, **measures: OptionValue) -> str:
+def _lanelet2(road_map: RoadMap, name: str, **measures: Unpack[_Measures]) -> str:
     from elitelanes_jax.formats.lanelet2 import to_lanelet2
 
     return to_lanelet2(road_map, Streets(**measures))
 
 
-def _commonroad(road_map: RoadMap, name: str, **measures: OptionValue) -> str:
+def _commonroad(road_map: RoadMap, name: str, **measures: Unpack[_Measures]) -> str:
     from elitelanes_jax.formats.commonroad import to_commonroad
 
     return to_commonroad(road_map, Streets(**measures))
 
 
 def _pufferdrive(
-    road_map: RoadMap, name: str, traffic_seed: int = 0, **measures: OptionValue
+    road_map: RoadMap, name: str, traffic_seed: int = 0, **measures: Unpack[_Measures]
 ) -> Iterable[str | bytes]:
     from elitelanes_jax.formats.pufferdrive import to_pufferdrive
 
@@ -166,7 +176,7 @@ def _pufferdrive(
 
 
 def _scenarionet(
-    road_map: RoadMap, name: str, traffic_seed: int = 0, **measures: OptionValue
+    road_map: RoadMap, name: str, traffic_seed: int = 0, **measures: Unpack[_Measures]
 ) -> bytes:
     from elitelanes_jax.formats.scenarionet import to_scenarionet
 
@@ -190,6 +200,14 @@ def lane_offset_of(tiles: "TileSet | None") -> float:
     return LANE_OFFSET if tiles is None else tiles.lane_offset
 
 
+class _FloorSettings(TypedDict, total=False):
+    """The settings of a format with a picture of the floor, see `FormatOptions`."""
+
+    tile_size: float
+    tiles: "TileSet"
+    tile_px: int
+
+
 def _floor(
     road_map: RoadMap, tiles: "TileSet | None" = None, tile_px: int | None = None, **size: float
 ) -> tuple[bytes, float, list[Standing]]:
@@ -209,14 +227,14 @@ def _floor(
     return png_of(image), size.get("tile_size", TILE_SIZE), standing_objects(objects)
 
 
-def _gltf(road_map: RoadMap, name: str, **settings: OptionValue) -> bytes:
+def _gltf(road_map: RoadMap, name: str, **settings: Unpack[_FloorSettings]) -> bytes:
     from elitelanes_jax.formats.gltf import to_gltf
 
     picture, size, standing = _floor(road_map, **settings)
     return to_gltf(road_map.codes.shape, picture, size, standing)
 
 
-def _mujoco(road_map: RoadMap, name: str, **settings: OptionValue) -> tuple[str, bytes]:
+def _mujoco(road_map: RoadMap, name: str, **settings: Unpack[_FloorSettings]) -> tuple[str, bytes]:
     from elitelanes_jax.formats.mujoco import to_mjcf
 
     picture, size, standing = _floor(road_map, **settings)
@@ -224,7 +242,7 @@ def _mujoco(road_map: RoadMap, name: str, **settings: OptionValue) -> tuple[str,
     return to_mjcf(road_map.codes, f"{name}.png", size, standing, lane_offset), picture
 
 
-def _usd(road_map: RoadMap, name: str, **settings: OptionValue) -> tuple[str, bytes]:
+def _usd(road_map: RoadMap, name: str, **settings: Unpack[_FloorSettings]) -> tuple[str, bytes]:
     from elitelanes_jax.formats.usd import to_usd
 
     picture, size, standing = _floor(road_map, **settings)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NotRequired, TypedDict, cast
 
 import numpy as np
 from jaxtyping import UInt8
@@ -18,6 +18,7 @@ from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, side_by_side
+from elitelanes_jax._util.types import OptionValue, Plain
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.faults import announce_without_room
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
@@ -137,10 +138,36 @@ def _draw_map(
     return road_map, small
 
 
+class RunTimes(TypedDict):
+    """The seconds of a run by stage, and its speed; None for a run without generations."""
+
+    seconds: dict[str, float]
+    evaluations_per_second: float | None
+
+
+class RunRecord(TypedDict):
+    """The fields of `RECORD` that the package reads. That of `pick` lacks the last four."""
+
+    versions: dict[str, str]
+    tile_set: Plain
+    settings: dict[str, OptionValue]
+    archive: NotRequired[Plain]
+    device: str
+    times: RunTimes
+
+
+def read_run_record(folder: Path) -> RunRecord:
+    """Reads the record of a folder of maps; see `read_json` for the errors.
+
+    The fields are not checked. One that is missing or wrong raises a `KeyError` or `TypeError`.
+    """
+    return cast("RunRecord", read_json(folder / RECORD))
+
+
 def foreign_to_maps(folder: Path) -> str | None:
     """Returns the first file in a folder that `generate` and `pick` did not write, or None."""
     try:
-        run = read_json(folder / RECORD)
+        run = read_run_record(folder)
         if "elitelanes_jax" not in run["versions"]:
             return f"{RECORD} of another program"
     except FileNotFoundError:

@@ -10,7 +10,7 @@ from elitelanes_jax._util.checks import is_folder, is_whole, path
 from elitelanes_jax._util.errors import InputError, list_some, pluralize, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input
 from elitelanes_jax._util.progress import announce, announce_at_end
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import OptionValue, UserValue
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import (
     RoadMap,
@@ -239,7 +239,7 @@ def _read_sample(line: str) -> tuple[int, RoadMap]:
     sample = parse_json(line)
     if not isinstance(sample, dict) or not is_whole(sample.get("number")):
         raise InputError("", "a sample with a number", shorten(line))
-    values: dict[str, Plain] = {
+    values: dict[str, OptionValue] = {
         name: sample.get(name) for name in ("codes", "metrics", "fitness", "niche")
     }
     return sample["number"], RoadMap(**values)

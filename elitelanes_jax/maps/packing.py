@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from elitelanes_jax._util.sums import SUMS, read_sealed_lines, read_sums, sealed
 from elitelanes_jax._util.types import OptionValue, Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.sumo import to_sumo_trips
-from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
+from elitelanes_jax.formats.table import Row, shorten_coverage, table_to_csv
 from elitelanes_jax.lanes.curves import LANE_OFFSET, lane_lengths
 from elitelanes_jax.lanes.movements import LaneGraph, LaneNode, lane_graph
 from elitelanes_jax.maps._splits import split_niches
@@ -64,10 +64,36 @@ class _Town(NamedTuple):
     road_map: RoadMap
 
 
+class _PackedMaps(TypedDict):
+    """The number of the maps of a pack, and a digest of them."""
+
+    number: int
+    digest: str
+
+
+class _PackSource(TypedDict):
+    """What a pack is made from."""
+
+    settings: dict[str, Plain]
+    maps: _PackedMaps
+    versions: dict[str, str]
+
+
+class _SplitSize(TypedDict):
+    """The numbers of maps and of niches in a split."""
+
+    maps: int
+    niches: int
+
+
+class PackRecord(_PackSource):
+    """The record of a pack, in ``pack.json``: what it is made from, and its splits by name."""
+
+    splits: dict[str, _SplitSize]
+
+
 @name_wrong_arguments
-def pack(
-    spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = False
-) -> dict[str, Plain]:
+def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = False) -> PackRecord:
     """Writes a pack of maps.
 
     The same maps and specification give the same files, byte for byte. If a run was killed, the
@@ -99,7 +125,7 @@ def pack(
     tiles = settings.get("tiles")
     maps = parse_given(sources)
     towns = _split(spec, maps.maps)
-    record: dict[str, Plain] = {
+    source: _PackSource = {
         "settings": spec.to_plain(),
         "maps": {"number": len(towns), "digest": maps.digest},
         "versions": installed_versions(),
@@ -107,7 +133,7 @@ def pack(
     # A run is resumed only if its identity is equal. The settings have the tile set's folder alone,
     # whose pictures may change between the runs, so the identity also has their digest.
     tile_set = None if tiles is None else tiles.to_plain()
-    identity = {"command": "pack", **record, "tile_set": tile_set}
+    identity = {"command": "pack", **source, "tile_set": tile_set}
     inputs: list[str | Path] = [*maps.paths, *spec.inputs]
     with output_folder(
         out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True
@@ -116,7 +142,7 @@ def pack(
         list_of_ids = work.kept / "maps.json"
         write_json(list_of_ids, [town.id for town in towns])
         journal = _Journal(work.files, work.kept / "files.jsonl")
-        rows: list[dict[str, Plain]] = []
+        rows: list[Row] = []
         written: list[RoadMap] = []
         with Progress("packing", len(towns), "maps") as bar:
             for town, map_name in zip(towns, maps.names, strict=True):
@@ -130,7 +156,7 @@ def pack(
                     raise error.within(f"niche {town.niche}, {map_name}") from None
                 written.append(road_map)
                 bar.count()
-        record["splits"] = _write_splits(spec, towns, work.files)
+        record: PackRecord = {**source, "splits": _write_splits(spec, towns, work.files)}
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
         write_json(work.files / RECORD, record)
         card = _card(spec, record, rows, lane_offset_of(tiles))
@@ -237,7 +263,7 @@ def _write(
     folder: Path,
     settings: Mapping[str, OptionValue],
     journal: _Journal,
-) -> dict[str, Plain]:
+) -> Row:
     """Writes the files of a map; returns its row of the table.
 
     The files of a format are written only if the journal does not have all of them. `written` is
@@ -283,11 +309,11 @@ def _write_formats(
         journal.add(files)
 
 
-def _row(town: _Town, lanes: int, trips: Sequence[Mapping[str, Plain]]) -> dict[str, Plain]:
+def _row(town: _Town, lanes: int, trips: Sequence[Row]) -> Row:
     """Returns the row of a map in the table of maps."""
     height, width = town.road_map.codes.shape
     mean_trip = float(np.mean([trip["length"] for trip in trips]))
-    columns: dict[str, Plain] = {
+    columns: Row = {
         "id": town.id,
         "niche": town.niche,
         "split": town.split,
@@ -301,12 +327,12 @@ def _row(town: _Town, lanes: int, trips: Sequence[Mapping[str, Plain]]) -> dict[
     return columns | shorten_coverage(town.road_map.metrics or {}) | columns
 
 
-def _write_splits(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> dict[str, Plain]:
+def _write_splits(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> dict[str, _SplitSize]:
     """Writes the list of each split and its indices.
 
     Returns the numbers of maps and niches of each split that has maps.
     """
-    numbers: dict[str, Plain] = {}
+    numbers: dict[str, _SplitSize] = {}
     for split in SPLITS:
         split_towns = [town for town in towns if town.split == split]
         if split_towns:
@@ -333,14 +359,14 @@ def _write_indices(spec: PackSpec, split: str, towns: Sequence[_Town], folder: P
             write_atomic(index_folder / name, content)
 
 
-def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
+def _node(trip: Row, end: str) -> LaneNode:
     """Returns the start or the goal of a trip."""
     return LaneNode(trip[f"{end}_row"], trip[f"{end}_column"], trip[f"{end}_heading"])
 
 
 def _trips(
     spec: PackSpec, town: _Town, graph: LaneGraph, lane_offset: float = LANE_OFFSET
-) -> list[dict[str, Plain]]:
+) -> list[Row]:
     """Draws starts and goals between the tiles.
 
     Each trip has the exact length of the shortest way, in tiles.
@@ -361,13 +387,13 @@ def _trips(
         lengths = dijkstra(ways, indices=start)
         return lengths, np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
 
-    trips: list[dict[str, Plain]] = []
+    trips: list[Row] = []
     # A trip starts at a node that a movement leaves.
     for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips).tolist():
         lengths, goals = lengths_from(start)
         goal = rng.choice(goals)
         # The columns of a trip are start_row, start_column and so on; `_node` reads them.
-        trip: dict[str, Plain] = {}
+        trip: Row = {}
         for end, index in (("start", start), ("goal", goal)):
             for field, value in graph.node(index)._asdict().items():
                 trip[f"{end}_{field}"] = value
@@ -378,8 +404,8 @@ def _trips(
 
 def _card(
     spec: PackSpec,
-    record: Mapping[str, Plain],
-    rows: Sequence[Mapping[str, Plain]],
+    record: PackRecord,
+    rows: Sequence[Row],
     lane_offset: float,
 ) -> str:
     """Writes the README of a pack."""
@@ -432,12 +458,12 @@ def _card(
     return "\n".join(lines)
 
 
-def _table_of_splits(splits: Mapping[str, Plain], rows: Sequence[Mapping[str, Plain]]) -> list[str]:
+def _table_of_splits(splits: Mapping[str, _SplitSize], rows: Sequence[Row]) -> list[str]:
     """Returns the lines of a table with a column for each split.
 
     The rows are its maps, its niches, and what was measured.
     """
-    rows_of: dict[str, list[Mapping[str, Plain]]] = {split: [] for split in splits}
+    rows_of: dict[str, list[Row]] = {split: [] for split in splits}
     for row in rows:
         rows_of[row["split"]].append(row)
     lines = [

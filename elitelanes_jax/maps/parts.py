@@ -1,18 +1,23 @@
 """Runs whose seeds are searched in parts, which `merge` joins."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, none_or, path, path_exists, paths, real
 from elitelanes_jax._util.errors import InputError, list_some, shorten
-from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.types import OptionValue, Plain
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.choosing import describe_archive
-from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps
+from elitelanes_jax.maps.folder import (
+    ARCHIVE,
+    RECORD,
+    RunRecord,
+    foreign_to_maps,
+    read_run_record,
+)
 from elitelanes_jax.maps.generation import Evolved, median_speed, write_run
 from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
@@ -67,7 +72,7 @@ def _read_and_join_parts(folders: Sequence[Path]) -> tuple[PlannedRun, Evolved]:
     parts = [record["settings"]["part"] for record in records]
     by_index = order_parts(folders, parts, identities, expected)
     count = len(by_index)
-    run = plan_run(_read_spec(folders[0], identities[0]["settings"]))
+    run = plan_run(_read_spec(folders[0], records[0]["settings"] | {"part": None}))
     # Folders may be in any order. Results are joined in the order of the parts.
     record_by_folder = dict(zip(folders, records, strict=True))
     results = []
@@ -85,7 +90,7 @@ def _read_and_join_parts(folders: Sequence[Path]) -> tuple[PlannedRun, Evolved]:
     return run, evolved
 
 
-def _identity(record: dict[str, Plain]) -> dict[str, Plain]:
+def _identity(record: RunRecord) -> dict[str, Plain]:
     """Returns what a part depends on besides its index."""
     settings = record["settings"] | {"part": None}
     return {"versions": record["versions"], "settings": settings, "tile_set": record["tile_set"]}
@@ -94,8 +99,8 @@ def _identity(record: dict[str, Plain]) -> dict[str, Plain]:
 def order_parts(
     folders: Sequence[Path],
     parts: Sequence[tuple[int, int]],
-    identities: Sequence[dict[str, Plain]],
-    expected: dict[str, Plain],
+    identities: Sequence[Mapping[str, Plain]],
+    expected: Mapping[str, Plain],
     whole: str = "run",
 ) -> list[Path]:
     """Returns the folders of all parts in the order of the parts.
@@ -132,7 +137,7 @@ def order_parts(
     return [by_index[index] for index in range(1, count + 1)]
 
 
-def _read_record(folder: Path) -> dict[str, Plain]:
+def _read_record(folder: Path) -> RunRecord:
     exists = path_exists(folder)
     # A part that was interrupted has only a hidden folder.
     if not exists and has_unfinished(folder):
@@ -140,7 +145,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
             folder, "a complete part", "unfinished work", "the same command completes it"
         )
     try:
-        record = read_json(folder / RECORD)
+        record = read_run_record(folder)
         part = record["settings"]["part"]
         if part is not None:
             # JSON has a list here, and `parse_part` returns a tuple. Times are checked, because
@@ -160,7 +165,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     return record
 
 
-def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
+def _read_spec(folder: Path, settings: dict[str, OptionValue]) -> GenerateSpec:
     try:
         return GenerateSpec(**settings | {"search": spec_from_plain(settings["search"])})
     except InputError as error:

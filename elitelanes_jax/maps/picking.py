@@ -15,7 +15,7 @@ from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
-from elitelanes_jax._util.types import AnyArray, Plain, UserValue
+from elitelanes_jax._util.types import AnyArray, Plain, Untyped, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.choosing import choose_enough, describe_source
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
@@ -285,7 +285,7 @@ def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> Measure
     features = {name: _stack([values[name] for values in measured]) for name in others}
     # The bins of the niches are computed again, because the axes may differ from those of a source.
     by_name = metrics | features
-    stacked = np.stack([by_name[name] for name in columns], axis=-1).astype(np.int32)
+    stacked: Untyped = np.stack([by_name[name] for name in columns], axis=-1).astype(np.int32)
     return MeasuredElites(
         grids=grids,
         fitness=_stack([elites.fitness for elites in results]),
@@ -296,7 +296,7 @@ def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> Measure
     )
 
 
-def _stack(arrays: Sequence[AnyArray]) -> AnyArray:
+def _stack(arrays: Sequence[AnyArray]) -> Untyped:
     """Joins arrays ``[S, N, ...]`` along the seeds.
 
     Arrays are padded with zeros to the largest number of slots N.

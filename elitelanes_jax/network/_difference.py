@@ -8,7 +8,7 @@ from jaxtyping import Array, Float32, Int8, Int32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax._util.types import ArrayOrRows, Numeric
 from elitelanes_jax.network.checks import check_grid, is_traced, known_grid
 from elitelanes_jax.network.likeness import RoadSet
 from elitelanes_jax.network.sharding import divide_batches
@@ -17,7 +17,7 @@ from elitelanes_jax.network.xla import take, vary_together
 
 
 @name_wrong_arguments
-def difference(grid: AnyArray, other: AnyArray) -> Numeric:
+def difference(grid: ArrayOrRows, other: ArrayOrRows) -> Numeric:
     """Returns the share of tiles in which two grids differ.
 
     The grids are compared at the position where they are most alike. One grid's roads are laid on

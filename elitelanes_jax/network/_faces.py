@@ -36,7 +36,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 from jaxtyping import Array, Bool, Int, Int8, UInt
 
-from elitelanes_jax._util.types import Pytree
+from elitelanes_jax._util.types import Tree
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, materialize
 
@@ -182,7 +182,7 @@ class _Arrangement(NamedTuple):
             cells = cells.T
         return cells.reshape(shape)
 
-    def store(self, cells: Pytree) -> Pytree:
+    def store(self, cells: Tree) -> Tree:
         """Makes XLA for GPUs store arrays.
 
         Otherwise XLA would compute them again for each use, or copy them.

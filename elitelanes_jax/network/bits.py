@@ -14,7 +14,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.sharding import divide_batches
@@ -186,7 +186,8 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
     _check_counts(count)
     high, low = bits >> 16, bits & 0xFFFF
     if isinstance(count, int | np.integer | np.ndarray) and np.max(count, initial=0) < 2**16:
-        high, low, few = align(high, low, np.asarray(count).astype(np.uint32))
+        counts_below: Untyped = np.asarray(count).astype(np.uint32)
+        high, low, few = align(high, low, counts_below)
         # The upper half of a count below 2**16 is 0, and so are most terms of the product below.
         return (high * few + (low * few >> 16) >> 16).astype(jnp.int32)
     # The product is computed from halves of 16 bits, and carried into its upper 32 bits.

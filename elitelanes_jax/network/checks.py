@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Mapping, Set
 from pathlib import PurePath
+from typing import TypeGuard
 
 import numpy as np
 from jaxtyping import Int8
@@ -59,7 +60,7 @@ def check_sides(rows: list[list[UserValue]]) -> None:
         raise InputError("shape", f"sides up to {LONGEST_SIDE}", f"{len(rows)} x {width}")
 
 
-def check_grid(grid: AnyArray, subject: str = "grid") -> AnyArray:
+def check_grid(grid: UserValue, subject: str = "grid") -> AnyArray:
     """Checks a grid and returns it as an int8 array ``[H, W]``.
 
     The result is an array of JAX if the grid is one, otherwise an array of NumPy. Errors call the
@@ -112,7 +113,7 @@ def check_grid(grid: AnyArray, subject: str = "grid") -> AnyArray:
     return array.astype(np.int8)
 
 
-def known_grid(grid: AnyArray, subject: str = "grid") -> Int8[np.ndarray, "H W"]:
+def known_grid(grid: UserValue, subject: str = "grid") -> Int8[np.ndarray, "H W"]:
     """Checks a grid as `check_grid` does, and returns it as an array of NumPy.
 
     Raises `InputError` for traced codes too, which have no value.
@@ -127,7 +128,7 @@ def known_grid(grid: AnyArray, subject: str = "grid") -> Int8[np.ndarray, "H W"]
     return np.asarray(check_grid(grid, subject))
 
 
-def is_traced(grid: AnyArray) -> bool:
+def is_traced(grid: UserValue) -> TypeGuard[AnyArray]:
     """Returns whether a grid is an array of unknown codes, within `jax.jit` or `jax.vmap`."""
     # If nobody has imported JAX, the grid is no array of JAX.
     jax = sys.modules.get("jax")

@@ -10,7 +10,7 @@ import numpy as np
 
 from elitelanes_jax._util.checks import items_of
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import UserValue, WholeT
 
 NORTH = 8
 """The bit of a code that connects to the north."""
@@ -85,7 +85,7 @@ By default, new tiles are drawn from them.
 """
 
 
-def rotate_codes(codes: AnyArray, quarter_turns: int = 1) -> AnyArray:
+def rotate_codes(codes: WholeT, quarter_turns: int = 1) -> WholeT:
     """Rotates codes of any shape counter-clockwise by quarter turns: N becomes W, W becomes S."""
     for _ in range(quarter_turns % 4):
         # From the highest bit on, the bits follow the sides clockwise. So a quarter turn rotates
@@ -94,7 +94,7 @@ def rotate_codes(codes: AnyArray, quarter_turns: int = 1) -> AnyArray:
     return codes
 
 
-def exchange_sides(codes: AnyArray, one: int, other: int) -> AnyArray:
+def exchange_sides(codes: WholeT, one: int, other: int) -> WholeT:
     """Exchanges two sides of codes of any shape, such as east and west for a mirror image.
 
     `one` is the higher bit of the two.
@@ -104,7 +104,7 @@ def exchange_sides(codes: AnyArray, one: int, other: int) -> AnyArray:
     return codes & (15 ^ one ^ other) | (codes & one) >> shift | (codes & other) << shift
 
 
-def transpose_codes(codes: AnyArray) -> AnyArray:
+def transpose_codes(codes: WholeT) -> WholeT:
     """Exchanges north with west and east with south in codes of any shape."""
     return exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH)
 

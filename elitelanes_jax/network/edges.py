@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+from jax.tree_util import PyTreeDef
 from jaxtyping import Array
 from numpy.typing import DTypeLike
 
@@ -48,7 +49,7 @@ def check_same_tree(name: str, before: Pytree, after: Pytree) -> None:
     Raises:
       InputError: otherwise; the message names the leaves that differ.
     """
-    structure: Pytree = jax.tree.structure(before)
+    structure: PyTreeDef = jax.tree.structure(before)
     is_same_structure = structure == jax.tree.structure(after)
     leaves = jax.tree.leaves(before), jax.tree.leaves(after)
     if is_same_structure and all(map(_have_one_kind, *leaves)):

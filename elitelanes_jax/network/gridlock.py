@@ -30,7 +30,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import ArrayOrRows
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.records import LONGEST_TOWN
@@ -39,7 +39,7 @@ from elitelanes_jax.network.sharding import divide_batches
 
 @name_wrong_arguments
 @runs_jax
-def gridlock_number(codes: AnyArray, *, slots: int = 1) -> Int32[Array, ""]:
+def gridlock_number(codes: ArrayOrRows, *, slots: int = 1) -> Int32[Array, ""]:
     """Returns the largest number of robots that are never in gridlock; `jax.vmap` it for many maps.
 
     It is slots x girth - 1. The girth is the number of tiles of the network's shortest loop. The

@@ -1,7 +1,7 @@
 """The shortest loop of a road network, in Python alone."""
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import ArrayOrRows
 from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import SIDES
 
@@ -9,7 +9,7 @@ _Tile = tuple[int, int]
 
 
 @name_wrong_arguments
-def gridlock_loop(codes: AnyArray) -> list[tuple[int, int]]:
+def gridlock_loop(codes: ArrayOrRows) -> list[tuple[int, int]]:
     """Returns the shortest loop of a map: the first one that robots can fill.
 
     `gridlock_number` is its number of tiles - 1, for one robot a tile.

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float32, Int, Int8, Int32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import ArrayOrRows
 from elitelanes_jax.network._faces import find_faces, find_links
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
@@ -21,7 +21,7 @@ from elitelanes_jax.network.xla import PaddedLayout, take
 
 @name_wrong_arguments
 @runs_jax
-def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
+def measure(grid: ArrayOrRows, alphabet: Iterable[int] | None = None) -> Metrics:
     """Measures one grid; `jax.vmap` it for many.
 
     Under `jax.jit` and `jax.vmap` codes are not checked, and their four lowest bits are read.

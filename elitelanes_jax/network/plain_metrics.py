@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Int8, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax._util.types import ArrayOrRows, OptionValue
 from elitelanes_jax.network.checks import known_grid
 from elitelanes_jax.network.codes import (
     CONNECTIONS,
@@ -25,7 +25,9 @@ _Cells = Bool[np.ndarray, "_ _"]
 
 
 @name_wrong_arguments
-def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict[str, Numeric]:
+def plain_measure(
+    grid: ArrayOrRows, alphabet: Iterable[int] | None = None
+) -> dict[str, OptionValue]:
     """Measures one grid as `measure` does, without JAX; see `measure` for the arguments and errors.
 
     Returns:
@@ -104,7 +106,7 @@ def count_tiles(grids: Int8[np.ndarray, "_ H W"]) -> dict[str, Real[np.ndarray, 
     }
 
 
-def cut_to_roads(grid: AnyArray) -> AnyArray:
+def cut_to_roads(grid: Int8[np.ndarray, "H W"]) -> Int8[np.ndarray, "h w"]:
     """Returns the smallest box that contains all tiles of a NumPy grid.
 
     A grid without tiles is returned whole.
@@ -115,7 +117,7 @@ def cut_to_roads(grid: AnyArray) -> AnyArray:
     return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
-def plain_town(grid: AnyArray) -> dict[str, int]:
+def plain_town(grid: ArrayOrRows) -> dict[str, int]:
     """Measures the town features of one grid ``[H, W]`` that need no blocks and streets.
 
     The numbers are those of `measure_town`.

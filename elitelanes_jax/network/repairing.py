@@ -16,7 +16,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import is_flag
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Numeric
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.sharding import divide_batches
@@ -28,12 +28,12 @@ _NORTH, _EAST, _SOUTH, _WEST = (in_all_cells(side) for side in (NORTH, EAST, SOU
 @name_wrong_arguments
 @runs_jax
 def repair(
-    grid: AnyArray,
-    dirty: AnyArray = None,
+    grid: ArrayOrRows,
+    dirty: ArrayOrRows | None = None,
     *,
     raster: Numeric = False,
     fill: bool = False,
-    fixed: AnyArray = None,
+    fixed: ArrayOrRows | None = None,
 ) -> Int8[Array, "H W"]:
     """Matches all connections of a grid and removes those across the border.
 
@@ -81,7 +81,7 @@ def _check_raster(raster: Numeric) -> None:
         raise InputError("raster", "one bool", f"shape {list(np.shape(raster))}")
 
 
-def _check_mask(name: str, mask: AnyArray, shape: tuple[int, int]) -> AnyArray:
+def _check_mask(name: str, mask: ArrayOrRows, shape: tuple[int, ...]) -> AnyArray:
     expected = f"bool of the grid's shape {shape}"
     try:
         array = mask if isinstance(mask, jax.Array) else np.asarray(mask)

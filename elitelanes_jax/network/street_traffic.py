@@ -18,7 +18,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric, Pytree
+from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Pytree
 from elitelanes_jax.network.checks import check_grid, is_traced
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.records import LONGEST_DETOUR
@@ -41,7 +41,7 @@ _ENDLESS = 2**29
 
 @name_wrong_arguments
 @runs_jax
-def gridlock_gamma(codes: AnyArray, *, tile_size: float = 16.0) -> Int32[Array, ""]:
+def gridlock_gamma(codes: ArrayOrRows, *, tile_size: float = 16.0) -> Int32[Array, ""]:
     """Returns the least number of robots that fill a cycle of streets; `jax.vmap` it for many maps.
 
     If robots keep crossings clear, fewer robots do not jam. Exceptions are streets whose room is
@@ -68,7 +68,7 @@ def gridlock_gamma(codes: AnyArray, *, tile_size: float = 16.0) -> Int32[Array, 
 @name_wrong_arguments
 @runs_jax
 def gridlock_potential(
-    codes: AnyArray, robots: Real[ArrayLike, ""], *, tile_size: float = 16.0
+    codes: ArrayOrRows, robots: Real[ArrayLike, ""], *, tile_size: float = 16.0
 ) -> Float32[Array, ""]:
     """Returns the expected number of full cycles of streets; `jax.vmap` it for many maps.
 
@@ -99,14 +99,14 @@ def gridlock_potential(
     return _potential(_check_town(codes), jnp.asarray(robots, jnp.float32), tile_size=size)
 
 
-def _check_robots(robots: Numeric) -> None:
+def _check_robots(robots: ArrayLike) -> None:
     """Checks a number of robots, which may be infinite or traced."""
     is_number = is_real(robots) or hasattr(robots, "dtype")
     if not is_number or (not is_traced(robots) and np.isnan(robots).any()):
         raise InputError("robots", "a number", shorten(repr(robots)))
 
 
-def _check_town(codes: AnyArray) -> AnyArray:
+def _check_town(codes: ArrayOrRows) -> AnyArray:
     grid = check_grid(codes, "codes")
     if max(grid.shape) > LONGEST_DETOUR:
         expected = f"sides of at most {LONGEST_DETOUR} for streets"

@@ -11,7 +11,7 @@ from jaxtyping import Int8
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, whole
 from elitelanes_jax._util.running import transfers
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import AnyArray, ArrayOrRows, ArrayT
 from elitelanes_jax.network.checks import check_grid, known_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
 from elitelanes_jax.network.plain_metrics import cut_to_roads
@@ -21,7 +21,7 @@ _TOGETHER = 4096
 
 
 @name_wrong_arguments
-def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
+def rotate(grid: ArrayOrRows, quarter_turns: int = 1) -> AnyArray:
     """Rotates a grid of codes ``[H, W]`` counter-clockwise by quarter turns, as `numpy.rot90` does.
 
     Any whole number of turns is valid; negative ones rotate clockwise. Returns int8 ``[H, W]`` or
@@ -38,7 +38,7 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
 
 
 @name_wrong_arguments
-def mirror(grid: AnyArray) -> AnyArray:
+def mirror(grid: ArrayOrRows) -> AnyArray:
     """Mirrors a grid of codes ``[H, W]`` east to west, as `numpy.fliplr` does.
 
     Returns int8 ``[H, W]``. Raises `InputError` for a bad grid. Under `jax.jit` and `jax.vmap` codes
@@ -49,7 +49,7 @@ def mirror(grid: AnyArray) -> AnyArray:
 
 
 @name_wrong_arguments
-def canonical_form(grid: AnyArray, *, crop: bool = False) -> bytes:
+def canonical_form(grid: ArrayOrRows, *, crop: bool = False) -> bytes:
     """Returns bytes that are equal for a grid and its rotations and mirror images.
 
     The bytes of other grids differ. It is no kernel: under `jax.jit` and `jax.vmap` there are no
@@ -87,7 +87,7 @@ def canonical_forms(grids: Int8[np.ndarray, "B H W"]) -> Iterator[bytes]:
             yield min(head + content[start : start + size] for head, content in contents)
 
 
-def images_of(grids: AnyArray) -> list[AnyArray]:
+def images_of(grids: ArrayT) -> list[ArrayT]:
     """Returns the eight rotations and mirror images of checked grids ``[..., H, W]``.
 
     The first image is the grids themselves.
@@ -100,9 +100,9 @@ def images_of(grids: AnyArray) -> list[AnyArray]:
     return images
 
 
-def _turned(grids: AnyArray) -> AnyArray:
+def _turned(grids: ArrayT) -> ArrayT:
     return rotate_codes(grids).swapaxes(-1, -2)[..., ::-1, :]
 
 
-def _mirrored(grids: AnyArray) -> AnyArray:
+def _mirrored(grids: ArrayT) -> ArrayT:
     return exchange_sides(grids, EAST, WEST)[..., ::-1]

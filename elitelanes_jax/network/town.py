@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int, Int8, Int32, UInt
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import ArrayOrRows
 from elitelanes_jax.network._faces import label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
@@ -26,7 +26,7 @@ from elitelanes_jax.network.xla import PaddedLayout, vary_together
 
 @name_wrong_arguments
 @runs_jax
-def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
+def measure_town(grid: ArrayOrRows, *, detour: bool = True) -> TownFeatures:
     """Measures the features of one town; `jax.vmap` it for many.
 
     Within `jax.jit` features that are not used cost no time. Under `jax.jit` and `jax.vmap` codes

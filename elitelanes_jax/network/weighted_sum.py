@@ -3,12 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int32
+from jaxtyping import Array, ArrayLike, Int32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Numeric
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.records import Metrics, Weights
 
 
@@ -48,7 +48,7 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
     return total
 
 
-def _check_sum(constant: Numeric, factors: list[tuple[Numeric, Numeric]]) -> None:
+def _check_sum(constant: ArrayLike, factors: list[tuple[Array, Array]]) -> None:
     """Checks that a constant and the products of factors add up to a number that fits int32."""
     if any(isinstance(number, jax.core.Tracer) for number in jax.tree.leaves((constant, factors))):
         return
@@ -62,7 +62,7 @@ def _check_sum(constant: Numeric, factors: list[tuple[Numeric, Numeric]]) -> Non
         raise InputError("weights", "a fitness within int32", f"{wrong.flat[0]:,}")
 
 
-def _integer(name: str, weight: Numeric) -> Int32[Array, "..."]:
+def _integer(name: str, weight: UserValue) -> Int32[Array, "..."]:
     array = weight if isinstance(weight, jax.Array) else np.asarray(weight)
     if not jnp.issubdtype(array.dtype, jnp.integer):
         raise InputError("weights", "integers", f"{name} of type {array.dtype}")

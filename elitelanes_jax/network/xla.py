@@ -26,10 +26,9 @@ from jaxtyping import (
     UInt32,
 )
 
-from elitelanes_jax._util.types import AnyArray, Pytree, Untyped
+from elitelanes_jax._util.types import ArrayT, Pytree, Tree, Untyped
 
 _Carry = TypeVar("_Carry")
-_Tree = TypeVar("_Tree", bound=Pytree)
 
 UNIT = 4096
 """The whole number that stands for 1 in fixed-point numbers.
@@ -119,7 +118,7 @@ mlir.register_lowering(
 mlir.register_lowering(_materialize, mlir.lower_fun(_store, multiple_results=False), platform="cpu")
 
 
-def once(compute: Callable[[], _Tree]) -> _Tree:
+def once(compute: Callable[[], Tree]) -> Tree:
     """Returns the result of `compute`, which XLA computes once in compiled code.
 
     The result is a pytree of arrays. XLA for processors fuses arithmetic into each of its uses, so
@@ -154,7 +153,7 @@ def run_if(
     return lax.while_loop(lambda loop: loop[0], body, vary_together((condition, carry)))[1]
 
 
-def vary_together(tree: _Tree, *others: Pytree) -> _Tree:
+def vary_together(tree: Tree, *others: Pytree) -> Tree:
     """Returns arrays that differ between devices if one of them, or of the other arrays, does.
 
     In `jax.shard_map` the type of an array says along which axes of the mesh the devices hold
@@ -186,7 +185,7 @@ def _to_varying(array: Array, axes: tuple[str, ...]) -> Array:
     return varying
 
 
-def align(*arrays: AnyArray) -> tuple[AnyArray, ...]:
+def align(*arrays: ArrayT) -> tuple[ArrayT, ...]:
     """Returns arrays with equally many axes: leading axes of length 1 are added, except to scalars.
 
     NumPy's rules for broadcasting do the same, but a setting of JAX, `jax_numpy_rank_promotion`,

@@ -38,6 +38,7 @@ from elitelanes_jax.optimizers._annealing import (
     metropolis_accepts,
     problem_move,
     random_grid,
+    usual_cycle,
 )
 from elitelanes_jax.optimizers._cycles import CYCLE_BITS, GROUPS, Cycle, CycleBits, Groups
 from elitelanes_jax.optimizers._emitters import penalise_distance
@@ -370,7 +371,7 @@ def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> In
     """
     length = config.annealing.cycle
     if length is None:
-        length = max(16, config.annealing.first_cycle(shape) // 32)
+        length = max(16, usual_cycle(shape) // 32)
     return jnp.clip(length, 1, LONGEST_CYCLE // jnp.asarray(config.restart_length)).astype(
         jnp.int32
     )

@@ -18,7 +18,6 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt3
 from elitelanes_jax._util.checks import none_or, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, nested, static, traced
-from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.bits import exponential, randint, random_bits
 from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.xla import UNIT, take
@@ -93,16 +92,21 @@ class AnnealingConfig(Record):
         """Returns the number of chains of an island on grids of a shape."""
         return self.chains or (1 if shape[0] * shape[1] <= SMALL else _CHAINS)
 
-    def first_cycle(self, shape: tuple[int, int]) -> Numeric:
+    def first_cycle(self, shape: tuple[int, int]) -> Int[ArrayLike, "..."]:
         """Returns the number of steps of the first cycle on grids of a shape.
 
         The number is an int, or an array if `cycle` is an array.
         """
         if self.cycle is None:
-            # These are 640 steps at 8 x 8, where shorter and longer cycles are worse
-            # (experiments/search/moves.md).
-            return min(max(16, 5 * (shape[0] * shape[1]) ** 2 // 32), LONGEST_CYCLE)
+            return usual_cycle(shape)
         return min(self.cycle, LONGEST_CYCLE) if isinstance(self.cycle, int) else self.cycle
+
+
+def usual_cycle(shape: tuple[int, int]) -> int:
+    """Returns the number of steps of the first cycle on grids of a shape, without a `cycle`."""
+    # These are 640 steps at 8 x 8, where shorter and longer cycles are worse
+    # (experiments/search/moves.md).
+    return min(max(16, 5 * (shape[0] * shape[1]) ** 2 // 32), LONGEST_CYCLE)
 
 
 class Cooling(NamedTuple):

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int8, Int32, UInt32
 
-from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.bits import randint
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, transpose_codes
 from elitelanes_jax.network.xla import lookup, materialize, take
@@ -155,7 +154,7 @@ def _copy(change: Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) ->
 
 
 def _source_indices(
-    change: Change, axis: int, length: int, *, backwards: AnyArray, cyclic: AnyArray
+    change: Change, axis: int, length: int, *, backwards: Array | bool, cyclic: Array | bool
 ) -> Int32[Array, " length"]:
     """Returns the index of the row or column that each row or column is copied from.
 

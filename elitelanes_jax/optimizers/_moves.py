@@ -30,7 +30,7 @@ from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.records import Record, number_or_array, one_number, option, traced
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import ArrayOrRows, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import rotate_codes
@@ -43,7 +43,7 @@ from elitelanes_jax.optimizers._mutations import Move, Variation
 from elitelanes_jax.optimizers._plans import PLANS, Draws, Plan, plan_refit
 
 
-def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
+def _check_user_moves(moves: UserValue) -> dict[str, tuple[Int[ArrayLike, "..."], Move]]:
     """Checks moves of the user and returns them sorted by name.
 
     Therefore results do not depend on the order of the moves.
@@ -63,7 +63,7 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     return checked
 
 
-def _check_user_move(name: str, value: UserValue) -> tuple[AnyArray, Move]:
+def _check_user_move(name: str, value: UserValue) -> tuple[Int[ArrayLike, "..."], Move]:
     """Checks the weight and the move of one name."""
     weight, move = value if isinstance(value, tuple | list) and len(value) == 2 else (None, None)
     if not isinstance(move, Move):
@@ -175,7 +175,7 @@ KNOWN_MOVES = tuple(
 """The names of the moves that `MoveWeights` has a weight for."""
 
 
-def _is_never_drawn(weight: AnyArray) -> bool:
+def _is_never_drawn(weight: ArrayLike | None) -> bool:
     """Returns whether a move is known to have weight 0.
 
     An array may be traced, so its number is not known.
@@ -184,13 +184,13 @@ def _is_never_drawn(weight: AnyArray) -> bool:
 
 
 @name_wrong_arguments
-def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> Move:
+def random_move(weights: MoveWeights, *, fill: bool, fixed: ArrayOrRows | None = None) -> Move:
     """Makes one move, drawn in proportion to the weights.
 
     If repair always fills, `MoveWeights.fill_probability` has no effect. For `fixed`, bool
     ``[H, W]``, see `repair`.
     """
-    weights_by_plan: dict[Plan, AnyArray] = {
+    weights_by_plan: dict[Plan, ArrayLike | None] = {
         plan: getattr(weights, name) for name, plan in PLANS.items()
     }
     # Where repair always fills, a refitted window must have no empty cells, and a move that fills
@@ -217,7 +217,9 @@ def make_move(name: str, *, empty: bool = True) -> Move:
 
 
 @name_wrong_arguments
-def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray = None) -> Move:
+def with_fill(
+    probability: Real[ArrayLike, ""], move: Move, *, fixed: ArrayOrRows | None = None
+) -> Move:
     """Makes a move, then with the given probability a repair that fills.
 
     If cells may stay empty, this leads from a network with dead ends to a near network without.
@@ -274,8 +276,8 @@ _BITS = 1 + 7
 
 @runs_jax
 def _move(
-    weights: Mapping[Plan, AnyArray],
-    user_moves: Mapping[str, tuple[AnyArray, Move]] = MappingProxyType({}),
+    weights: Mapping[Plan, ArrayLike | None],
+    user_moves: Mapping[str, tuple[ArrayLike, Move]] = MappingProxyType({}),
     *,
     empty: bool = True,
 ) -> Move:

@@ -19,7 +19,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
+from elitelanes_jax._util.types import ArrayOrRows, Untyped, UserValue
 from elitelanes_jax.network.bits import normal, random_bits
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
@@ -258,7 +258,7 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
     codes = np.array(problem.alphabet, np.int8)
     repair_all = runs_jax(jax.jit(jax.vmap(problem.repair_raster)))
 
-    def to_grids(solutions: AnyArray) -> NDArray[np.int8]:
+    def to_grids(solutions: ArrayOrRows) -> NDArray[np.int8]:
         try:
             array = np.asarray(solutions)
         except ValueError as error:
@@ -304,7 +304,7 @@ def ribs_evaluate(
         objective = jnp.where(population.valid, -population.fitness, lowest)
         return objective, problem.descriptor(population.features)
 
-    def evaluate(solutions: AnyArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def evaluate(solutions: ArrayOrRows) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         objective, descriptor = score(to_grids(solutions))
         return np.asarray(objective, np.float64), np.asarray(descriptor, np.float64)
 

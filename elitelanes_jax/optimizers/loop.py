@@ -14,7 +14,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax._util.types import Pytree, Tree, UserValue
 from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
 from elitelanes_jax.network.edges import check_array, check_same_tree
 from elitelanes_jax.network.sharding import divide_batches
@@ -161,7 +161,7 @@ def advance(
     return lax.scan(run_generation, states, first + jnp.arange(most, dtype=jnp.int32))
 
 
-def check_state(state: Pytree) -> Pytree:
+def check_state(state: Tree) -> Tree:
     """Returns what an optimiser's `init` returned; raises `InputError` if it has no array."""
     if not jax.tree.leaves(state):
         raise InputError("optimizer", "an init that returns a pytree of arrays", repr(state))

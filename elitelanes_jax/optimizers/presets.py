@@ -7,7 +7,7 @@ from typing import TypeAlias, TypeVar
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import OptionValue, Plain, UserValue
 from elitelanes_jax.optimizers._annealed import (
     AnnealedGwoConfig,
     AnnealedPsoConfig,
@@ -163,7 +163,7 @@ def config_to_plain(config: Config) -> dict[str, Plain]:
     A move of the user becomes its weight.
     """
 
-    def plain(fields: list[tuple[str, Plain]]) -> dict[str, Plain]:
+    def plain(fields: list[tuple[str, OptionValue]]) -> dict[str, Plain]:
         values = dict(fields)
         # JSON has no functions, so a move of the user is stored as its weight.
         if "user_moves" in values:

@@ -19,7 +19,7 @@ from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import cv2
 import numpy as np
@@ -29,7 +29,7 @@ from elitelanes_jax._util.checks import floor_shape
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import free_name, write_atomic
 from elitelanes_jax._util.folders import check_renamable, output_folder
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.types import OptionValue, Plain
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.photographs.cutting import cut_tiles, mask_cut, write_lane_offset
 from elitelanes_jax.photographs.proposals import Proposal, propose_tiles
@@ -62,6 +62,40 @@ class _Picture(NamedTuple):
 
     layer: Layer
     file: bytes
+
+
+class FitRequest(TypedDict):
+    """What the page posts to find tiles: a photograph, its shape in tiles, and corners if known."""
+
+    photo: int
+    rows: int
+    columns: int
+    corners: list[list[float]] | None
+    exact: bool
+
+
+class CutRequest(TypedDict):
+    """What the page posts to cut tiles: the index of a photograph, and a `Proposal` for it."""
+
+    photo: int
+    proposal: dict[str, OptionValue]
+
+
+class MaskRequest(TypedDict):
+    """What the page posts to propose a mask of a tile: the ranges of colours by mask."""
+
+    id: str
+    mask: str
+    colours: dict[str, list[tuple[float, float]]]
+
+
+class SentTile(TypedDict):
+    """A tile that the page posts. Masks are in bits as `_pack` has them."""
+
+    id: str
+    name: str
+    kind: str
+    masks: dict[str, str]
 
 
 class HandWork:
@@ -126,7 +160,7 @@ class HandWork:
         """Returns the picture of a tile as a PNG file."""
         return png_of(self._pictures[identifier].layer.pixels)
 
-    def fit(self, values: Plain) -> Plain:
+    def fit(self, values: FitRequest) -> dict[str, Plain]:
         """Proposes where the tiles of a photograph are.
 
         The tiles are near the corners in `values`, or exactly at them if `values` says so. Without
@@ -140,7 +174,7 @@ class HandWork:
         photograph = self.photographs[values["photo"]]
         return propose_tiles(photograph, shape=shape, corners=corners, fit=fits)._asdict()
 
-    def cut(self, values: Plain) -> Plain:
+    def cut(self, values: CutRequest) -> list[dict[str, Plain]]:
         """Cuts the tiles of a proposal whose kind is sure.
 
         Returns the values of these tiles for the page, with their proposed masks.
@@ -151,7 +185,7 @@ class HandWork:
             raise InputError(photograph.name, "tiles of a sure kind", "none", "set the kinds")
         return [self._add(cut.name, _picture_of(cut.image), mask_cut(cut)) for cut in cuts]
 
-    def mask(self, values: Plain) -> Plain:
+    def mask(self, values: MaskRequest) -> str:
         """Proposes one mask of a tile by colours, in bits as `_pack` has them."""
         ranges = {
             name: ",".join(f"{low}..{high}" for low, high in values["colours"][name])
@@ -161,7 +195,7 @@ class HandWork:
         layer = self._pictures[values["id"]].layer
         return _pack(propose_layer_masks(layer, colours)[values["mask"]])
 
-    def save(self, values: Plain) -> dict[str, Plain]:
+    def save(self, values: Sequence[SentTile]) -> dict[str, Plain]:
         """Writes the set, whole or not at all.
 
         The first save copies the earlier set to a new name next to it.
@@ -201,7 +235,7 @@ class HandWork:
         problems = inspect_tiles(self.folder, lines=True)[1]
         return {"names": names, "kept": kept, "problems": problems}
 
-    def zip(self, values: Plain) -> bytes:
+    def zip(self, values: Sequence[SentTile]) -> bytes:
         """Returns the set as a zip file with one folder. The folder of the set does not change.
 
         Raises:
@@ -262,12 +296,12 @@ class HandWork:
             "by_colours": by_colours,
         }
 
-    def _masks_of(self, tile: Plain) -> dict[str, NDArray[np.bool_]]:
+    def _masks_of(self, tile: SentTile) -> dict[str, NDArray[np.bool_]]:
         """Returns the masks in the values of a tile that the page sends."""
         side = len(self._pictures[tile["id"]].layer.pixels)
         return {mask: _unpack(tile["masks"][mask], side) for mask in MASKS}
 
-    def _write(self, target: Path, tiles: Mapping[str, Plain]) -> None:
+    def _write(self, target: Path, tiles: Mapping[str, SentTile]) -> None:
         """Writes the tiles by name, and copies the other files of the set.
 
         Other files are those that are not in a tile's folder.
@@ -312,7 +346,7 @@ def _picture_of(image: NDArray[np.uint8]) -> _Picture:
     return _Picture(Layer(image, np.ones(image.shape[:2], bool), 0.0), png_of(image))
 
 
-def _names(tiles: Sequence[Plain]) -> list[str]:
+def _names(tiles: Sequence[SentTile]) -> list[str]:
     """Returns the folder name of each tile.
 
     A tile keeps its name if its kind is the same. Otherwise it gets the next free name of its kind.

@@ -16,7 +16,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import AnyArray, ArrayOrRows
 from elitelanes_jax.network.checks import is_traced
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -159,7 +159,7 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
 
 
 @name_wrong_arguments
-def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> AnyArray:
+def qd_score(fitness: ArrayOrRows, valid: ArrayOrRows, worst: float) -> AnyArray:
     """Returns the sum over all elites of worst - fitness, if positive; float64 ``[...]``.
 
     `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool
@@ -185,7 +185,7 @@ def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> AnyArray:
 
 
 @name_wrong_arguments
-def coverage(valid: AnyArray, feasible: AnyArray = None) -> AnyArray:
+def coverage(valid: ArrayOrRows, feasible: ArrayOrRows | None = None) -> AnyArray:
     """Returns the filled share of the feasible niches, float64 ``[...]``.
 
     `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be
@@ -209,7 +209,7 @@ def coverage(valid: AnyArray, feasible: AnyArray = None) -> AnyArray:
     return (filled & feasible).sum(axis=-1) / max(1, int(feasible.sum()))
 
 
-def _check_niches(name: str, niches: AnyArray) -> AnyArray:
+def _check_niches(name: str, niches: ArrayOrRows) -> AnyArray:
     """Checks an array that is True for some of the niches."""
     array = niches if is_traced(niches) else np.asarray(niches)
     # An empty list has the dtype of floats.

@@ -22,7 +22,7 @@ from elitelanes_jax._util.checks import (
 )
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import transfers
-from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
+from elitelanes_jax._util.types import ArrayT, Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.features import check_feature, default_width, select_features
 
@@ -149,8 +149,8 @@ def resolve_axes(
 
 
 def compute_descriptor(
-    features: AnyArray, feature_names: Sequence[str], axes: tuple[Axis, ...]
-) -> AnyArray:
+    features: ArrayT, feature_names: Sequence[str], axes: tuple[Axis, ...]
+) -> ArrayT:
     """Returns the values of the axes' features, int32 ``[..., D]``.
 
     The features are ``[..., F]`` of NumPy or JAX.
@@ -159,7 +159,7 @@ def compute_descriptor(
 
 
 @name_wrong_arguments
-def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
+def niche_bins(descriptor: ArrayT, axes: tuple[Axis, ...]) -> ArrayT:
     """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]``.
 
     The arrays are of NumPy or JAX. Raises `InputError` for no axes, another shape, or descriptors
@@ -176,27 +176,26 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
             )
     if np.shape(descriptor)[-1:] != (len(axes),):
         raise InputError("descriptor", f"shape [..., {len(axes)}]", list(np.shape(descriptor)))
-    if not hasattr(descriptor, "dtype"):
-        descriptor = np.asarray(descriptor)
-    if descriptor.dtype.kind not in "iu":
-        raise InputError("descriptor", "whole numbers", descriptor.dtype)
+    values: Untyped = descriptor if hasattr(descriptor, "dtype") else np.asarray(descriptor)
+    if values.dtype.kind not in "iu":
+        raise InputError("descriptor", "whole numbers", values.dtype)
     # The arrays of axes get as many axes as the descriptor, see `xla.align`.
-    aligned = (1,) * (np.ndim(descriptor) - 1) + (-1,)
+    aligned = (1,) * (np.ndim(values) - 1) + (-1,)
     last = np.array([axis.bins - 1 for axis in axes], np.uint32).reshape(aligned)
     width = np.array([axis.width for axis in axes], np.uint32).reshape(aligned)
     start = np.array([axis.start for axis in axes], np.int32).reshape(aligned)
     with transfers():
         largest = np.iinfo(np.int32).max
-        if np.iinfo(descriptor.dtype).max > largest:
+        if np.iinfo(values.dtype).max > largest:
             # A conversion of larger numbers would cut off their upper bits.
-            descriptor = descriptor.clip(None, largest)
+            values = values.clip(None, largest)
         # A difference of two int32, one of them negative, may not fit int32. It fits uint32.
-        distance = (descriptor.clip(start, None).astype(np.int32) - start).astype(np.uint32)
+        distance = (values.clip(start, None).astype(np.int32) - start).astype(np.uint32)
         return (distance // width).clip(None, last).astype(np.int32)
 
 
 @name_wrong_arguments
-def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
+def niche_index(descriptor: ArrayT, axes: tuple[Axis, ...]) -> ArrayT:
     """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``.
 
     The last axis varies fastest.

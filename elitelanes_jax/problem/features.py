@@ -17,7 +17,7 @@ import numpy as np
 
 from elitelanes_jax._util.checks import check_named, check_unique, nonblank
 from elitelanes_jax._util.errors import InputError, shorten, suggest
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import ArrayT, UserValue
 from elitelanes_jax.network.records import (
     METRIC_NAMES,
     TOWN_PARTS,
@@ -86,9 +86,7 @@ def columns_for(*groups: Iterable[str]) -> tuple[str, ...]:
     return tuple(columns)
 
 
-def with_shares(
-    features: AnyArray, feature_names: Sequence[str]
-) -> tuple[AnyArray, tuple[str, ...]]:
+def with_shares(features: ArrayT, feature_names: Sequence[str]) -> tuple[ArrayT, tuple[str, ...]]:
     """Adds a column for each share that follows from the metrics.
 
     The features are int32 ``[..., F]`` of NumPy or JAX. Returns int32 ``[..., F + S]``, of the same
@@ -111,8 +109,8 @@ def with_shares(
 
 
 def select_features(
-    features: AnyArray, feature_names: Sequence[str], selected: Sequence[str]
-) -> AnyArray:
+    features: ArrayT, feature_names: Sequence[str], selected: Sequence[str]
+) -> ArrayT:
     """Returns the columns of the selected features, int32 ``[..., D]``, of NumPy or JAX.
 
     Computes the columns of shares.

@@ -18,7 +18,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, function_of
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
+from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Pytree, Untyped, UserValue
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
@@ -183,7 +183,10 @@ def measure_features(
 @name_wrong_arguments
 @runs_jax
 def with_town_features(
-    features: Mapping[str, AnyArray], names: Iterable[str], grids: AnyArray, source: str = "names"
+    features: Mapping[str, ArrayOrRows],
+    names: Iterable[str],
+    grids: ArrayOrRows,
+    source: str = "names",
 ) -> dict[str, NDArray[np.int32]]:
     """Returns features by name, and measures the town features among `names` that are missing.
 
@@ -236,11 +239,11 @@ def _measure(grids: Int8[Array, "P H W"], names: tuple[str, ...]) -> Int32[Array
     return measure_features(grids, names, {})
 
 
-def _apply_kernel(name: str, kernel: Kernel, grid: Int8[Array, "H W"]) -> AnyArray:
+def _apply_kernel(name: str, kernel: Kernel, grid: Int8[Array, "H W"]) -> Untyped:
     return _as_array("features", f"{name} {_RETURNS_INTEGER}", kernel(grid))
 
 
-def _as_array(subject: str, expected: str, value: UserValue) -> AnyArray:
+def _as_array(subject: str, expected: str, value: UserValue) -> Untyped:
     """Returns a user's value as an array.
 
     Whole numbers of NumPy stay as they are, because JAX would cut off upper bits.

@@ -25,7 +25,7 @@ from elitelanes_jax._util.checks import (
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import check_alphabet
@@ -262,7 +262,7 @@ def _no_penalties(features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
     return jnp.zeros(features.shape[:-1], jnp.int32)
 
 
-def _check_fixed(fixed: AnyArray, shape: tuple[int, int]) -> None:
+def _check_fixed(fixed: Untyped, shape: tuple[int, int]) -> None:
     expected = f"bool [{shape[0]}, {shape[1]}]"
     try:
         array = fixed if hasattr(fixed, "dtype") else np.asarray(fixed)
@@ -273,7 +273,7 @@ def _check_fixed(fixed: AnyArray, shape: tuple[int, int]) -> None:
         raise InputError("", expected, shorten(repr(fixed)))
 
 
-def _check_initial(initial: AnyArray, shape: tuple[int, int]) -> None:
+def _check_initial(initial: Untyped, shape: tuple[int, int]) -> None:
     """Checks grids to start from; the codes of traced ones are unknown."""
     expected = f"whole numbers of shape [N, {shape[0]}, {shape[1]}]"
     try:

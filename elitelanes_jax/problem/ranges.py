@@ -10,7 +10,7 @@ from jaxtyping import Bool, Int32
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import AnyArray, ArrayOrRows, ArrayT, Untyped, UserValue
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem.features import (
     FEATURES,
@@ -101,8 +101,8 @@ def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[
 
 
 def range_penalty(
-    features: AnyArray, feature_names: Sequence[str], limits: AnyArray, shape: tuple[int, int]
-) -> AnyArray:
+    features: ArrayT, feature_names: Sequence[str], limits: AnyArray, shape: tuple[int, int]
+) -> ArrayT:
     """Returns the penalty for the distance from the ranges.
 
     The penalty is 480 for each unit, and 0 for a network in all ranges. A unit is 1 of a whole
@@ -124,7 +124,7 @@ def range_penalty(
     distance = (below + above).clip(None, LARGEST // factors) * factors
     # The columns of each divisor are divided together, because processors divide by a constant many
     # times as fast as by numbers that differ between columns.
-    units: AnyArray = 0
+    units: Untyped = 0
     for constant in np.unique(divisors).tolist():
         has_divisor = (divisors == constant).astype(np.int32)
         units += has_divisor * ((distance + constant - 1) // constant)
@@ -165,7 +165,9 @@ def _most_units(columns: int) -> int:
     return LARGEST // (_STEEPNESS * columns)
 
 
-def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[np.ndarray, "..."]:
+def satisfies(
+    features: Mapping[str, ArrayOrRows], where: Iterable[Range]
+) -> Bool[np.ndarray, "..."]:
     """Returns which networks are in all ranges, exactly.
 
     `features` has all metrics, and the other features with a range: whole numbers of one shape, by
@@ -176,7 +178,7 @@ def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[
         part, parts_of_whole = SHARES.get(name, (name, ()))
         # Products are compared instead of quotients, so nothing is rounded.
         value = np.asarray(features[part], np.int64)
-        whole: AnyArray = feature_unit(name)
+        whole: int | np.ndarray = feature_unit(name)
         if parts_of_whole:
             whole = sum(np.asarray(features[other], np.int64) for other in parts_of_whole)
         if low is not None:

@@ -365,7 +365,7 @@ def _check_measured(names: UserValue, features: Mapping[str, Kernel]) -> tuple[s
     return tuple(checked)
 
 
-def _check_feature_weights(weights: AnyArray, measured: Sequence[str]) -> AnyArray:
+def _check_feature_weights(weights: Untyped, measured: Sequence[str]) -> AnyArray:
     """Checks the weights of the measured features; returns them as an array."""
     array = weights if hasattr(weights, "dtype") else np.asarray(weights)
     check_unique("measured", "name", measured)

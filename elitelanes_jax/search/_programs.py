@@ -28,10 +28,11 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import PyTreeDef
 
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.threads import side_by_side
-from elitelanes_jax._util.types import Pytree
+from elitelanes_jax._util.types import AnyArray, Plain, Pytree, Tree
 from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.search._compiling import CompiledPrograms
 from elitelanes_jax.search._devices import device_of_each_part
@@ -200,7 +201,7 @@ class Programs:
         states = jax.device_put(join(parts, self._seeds))
         return self._run(COLLECT, jax.local_devices()[0], setup, states), states
 
-    def divide(self, tree: Pytree) -> list[Pytree]:
+    def divide(self, tree: Tree) -> list[Tree]:
         """Divides the keys or the states of all seeds into parts."""
         return cut(tree, self._devices)
 
@@ -261,20 +262,20 @@ def find_programs(
 
 @lru_cache(maxsize=_MOST_SEARCHES)
 def _find(
-    structure: Pytree,
+    structure: PyTreeDef,
     shapes: tuple[jax.ShapeDtypeStruct, ...],
     devices: tuple[jax.Device, ...],
     floats: bool,
     folder: Path | None,
     # JAX's settings of this thread: other settings make other programs.
-    settings: Pytree,
+    settings: tuple[tuple[str, Plain], ...],
 ) -> Programs:
     *numbers, keys = shapes
     setup = jax.tree.unflatten(structure, numbers)
     return Programs(setup, keys, devices, floats, folder)
 
 
-def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
+def cut(tree: Tree, devices: Sequence[jax.Device]) -> list[Tree]:
     """Cuts arrays ``[S, ...]`` into parts with equally many rows, one for each device.
 
     If the rows do not divide evenly, the last parts repeat the last row. All parts have one size,
@@ -295,7 +296,7 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
     return parts
 
 
-def join(parts: Sequence[Pytree], rows: int) -> Pytree:
+def join(parts: Sequence[Tree], rows: int) -> Tree:
     """Joins the parts that `cut` made to arrays ``[rows, ...]``, for the default device."""
     # A single part on the default device needs no copy: it has no repeated rows.
     if len(parts) == 1 and _is_on_default_device(parts[0]):
@@ -311,7 +312,7 @@ def _is_on_default_device(tree: Pytree) -> bool:
     return all(device == default_device for device in devices)
 
 
-def _concatenate(arrays: Sequence[Pytree]) -> Pytree:
+def _concatenate(arrays: Sequence[AnyArray]) -> AnyArray:
     """Joins arrays in NumPy, or arrays of keys on the default device."""
     if not is_key(arrays[0]):
         return np.concatenate(arrays)
@@ -319,7 +320,7 @@ def _concatenate(arrays: Sequence[Pytree]) -> Pytree:
     return jnp.concatenate([jax.device_put(array, default_device) for array in arrays])
 
 
-def _put(tree: Pytree, device: jax.Device) -> Pytree:
+def _put(tree: Tree, device: jax.Device) -> Tree:
     """Puts arrays on a device.
 
     Arrays for the default device are not bound to it: JAX would compile again for those.

@@ -146,11 +146,12 @@ def _arrays_of(elites: MeasuredElites, history: History) -> dict[str, np.ndarray
         arrays[name] = getattr(elites, name)
     for name, values in history._asdict().items():
         arrays[f"history.{name}"] = values
+    stored: dict[str, np.ndarray] = {}
     for name, values in arrays.items():
         dtype, _ = _ARRAYS.get(name, _FEATURE_KIND)
         # A fitness has one of several dtypes, and is stored as it is.
-        arrays[name] = np.asarray(values, dtype if isinstance(dtype, str) else None)
-    return arrays
+        stored[name] = np.asarray(values, dtype if isinstance(dtype, str) else None)
+    return stored
 
 
 def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
@@ -185,7 +186,7 @@ def _read_settings(
 
 
 def _parse_settings(
-    settings: Plain, shape: tuple[int, int]
+    settings: dict[str, Plain], shape: tuple[int, int]
 ) -> tuple[Search, Config | None, tuple[tuple[str, str], ...], int | None]:
     search = search_from_plain(settings["search"], shape)
     # The file has the axes of its niches, whatever axes the preset has in this version.
@@ -196,9 +197,9 @@ def _parse_settings(
     if config is not None and find_preset(config)[0] != search.settings.method:
         raise InputError("config", f"one of {search.settings.method}", type(config).__name__)
     seed = settings["seed"]
-    if seed is not None and not is_whole(seed):
-        raise InputError("seed", "a whole number", repr(seed))
-    return replace(search, axes=axes), config, _read_functions(settings), seed
+    if seed is None or is_whole(seed):
+        return replace(search, axes=axes), config, _read_functions(settings), seed
+    raise InputError("seed", "a whole number", repr(seed))
 
 
 def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Key
 
 from elitelanes_jax._util.errors import InputError, shorten
@@ -218,7 +219,7 @@ def _digest_kernels(setup: Setup) -> dict[str, Digest]:
 
 @lru_cache(maxsize=32)
 def _digest_optimizer(
-    structure: Pytree,
+    structure: PyTreeDef,
     numbers: tuple[jax.ShapeDtypeStruct, ...],
     settings: tuple[tuple[str, Plain], ...],
 ) -> Digest:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int8
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import AnyArray, Plain
+from elitelanes_jax._util.types import ArrayOrRows, Plain
 from elitelanes_jax.network.plain_metrics import cut_to_roads, plain_measure, plain_town
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.style import read_style
@@ -31,7 +31,7 @@ _BINS = 4
 _COUNTED = {"straight_share": "straights", "turn_share": "turns", "crossing_share": "crossings"}
 
 
-def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
+def settings_like(grids: Sequence[ArrayOrRows]) -> dict[str, Plain]:
     """Returns the options of a search for maps like example maps, of any size.
 
     Each feature is limited to the range found in the example maps, plus a margin on either side: a
@@ -75,7 +75,7 @@ def _breaks_rules(example: Mapping[str, float]) -> bool:
     return any(example[name] for name in RULES["duckietown"].forbidden)
 
 
-def _cut(grid: AnyArray) -> Int8[np.ndarray, "H W"]:
+def _cut(grid: ArrayOrRows) -> Int8[np.ndarray, "H W"]:
     """Returns the smallest box around the roads of a map."""
     roads = cut_to_roads(np.asarray(grid, np.int8))
     if not roads.any():

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict, cast
 
 import jax
 import numpy as np
@@ -170,6 +170,13 @@ def _evolve_task(
     return EvolvedPart(arrays, result.history.seconds, jax.devices()[0].device_kind)
 
 
+class _Figures(TypedDict):
+    """The figures of a part, next to its result, see `EvolvedPart`."""
+
+    seconds: float
+    device: str
+
+
 def _save(path: Path, part: EvolvedPart) -> None:
     """Writes a part and then its figures, so that a part with figures is complete."""
     path.parent.mkdir(exist_ok=True)
@@ -180,7 +187,8 @@ def _save(path: Path, part: EvolvedPart) -> None:
 def _load(path: Path, search: Search) -> EvolvedPart | None:
     """Returns a complete part of an equal search, or None."""
     try:
-        figures = read_json(path.with_suffix(".json"))
+        # A wrong table or field raises one of the errors below.
+        figures = cast("_Figures", read_json(path.with_suffix(".json")))
         seconds, device = real(0)(figures["seconds"]), str(figures["device"])
         result = Result.load(path.with_suffix(".npz"))
     # An `InputError` of the checks is a `ValueError` too.

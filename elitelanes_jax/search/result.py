@@ -16,7 +16,7 @@ from elitelanes_jax._util.checks import path as checked_path
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import pluralize, warn_user
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.optimizers.presets import Config
 from elitelanes_jax.problem.archive import vacant_fitness
@@ -78,7 +78,7 @@ class Result:
         return self._map_seeded(lambda array: array[0])
 
     @jax.transfer_guard("allow")
-    def _map_seeded(self, change: Callable[[AnyArray], AnyArray]) -> "Result":
+    def _map_seeded(self, change: Callable[[Pytree], Pytree]) -> "Result":
         """Changes all arrays that have an axis of seeds if there are several."""
         history = self.history
         best_fitness, elite_count, refused = map(
@@ -162,7 +162,7 @@ class Result:
         search = with_ranges(self.search, ranges)
         elites = self.elites
         names = [item.name for item in search.ranges]
-        features: dict[str, AnyArray] = dict(
+        features: dict[str, Untyped] = dict(
             with_town_features(elites.features, names, elites.grids, "where")
         )
         return replace(self, elites=elites._replace(features=features), search=search)

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict, cast
 
 import numpy as np
 
@@ -88,6 +88,18 @@ _KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "lane_offset": (is_lane_offset, "lane_offset to be a number over 0 and under 0.5"),
     "lane_offset_spread": (_is_spread, "lane_offset_spread to be a number from 0 to under 0.5"),
 }
+
+
+class _About(TypedDict, total=False):
+    """The fields of tileset.toml, see `TileSet`."""
+
+    name: str
+    licence: str
+    blend: bool
+    lane_offset: float
+    lane_offset_spread: float
+
+
 # The least part of a side that is road if a road reaches it.
 _TOUCHES = 0.1
 
@@ -389,7 +401,7 @@ def _absent_kinds(tiles: Iterable[Tile]) -> list[str]:
     return [kind for kind in _EXPECTED if not drawn & set(KINDS[kind])]
 
 
-def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
+def _about(file: Path, problems: list[str]) -> _About:
     """Reads tileset.toml and checks it; returns what is right."""
     if not path_exists(file):
         return {}
@@ -409,7 +421,8 @@ def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
             right[key] = value
         else:
             problems.append(f"{file}: expected {expected}, got {brief(value)}")
-    return right
+    # `_KEYS` has a test for each field.
+    return cast("_About", right)
 
 
 def _names_to_save(folder: Path, missing: list[str]) -> str:

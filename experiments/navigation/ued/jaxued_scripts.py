@@ -150,7 +150,7 @@ def drive_all(
     level = jnp.arange(lanes)
     start = 0, level, lanes, begin(level), jnp.ones(lanes, bool), memory, jnp.zeros(lanes), jnp.zeros(count)
     *_, returns = jax.lax.while_loop(lambda carry: (carry[1] < count).any(), drive, start)
-    best = params.goal_reward - params.tile_cost * levels_of(space, jnp.arange(count)).shortest
+    best = jnp.subtract(params.goal_reward, params.tile_cost * levels_of(space, jnp.arange(count)).shortest)
     # Only the goal pays, and it pays more than all tiles of an episode cost.
     return Outcome(best - returns, (returns > 0).astype(jnp.float32))
 

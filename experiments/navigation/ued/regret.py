@@ -123,7 +123,7 @@ def _of_network(
     deciding = jnp.argsort(~choice, stable=True)[:choices]
     chances = _chances(weights, grid, nodes, deciding, goals, params, greedy)
     value, success = _returns(chances, deciding, goals, onward, params)
-    best = params.goal_reward - params.tile_cost * space.distance[network][:, goals]
+    best = jnp.subtract(params.goal_reward, params.tile_cost * space.distance[network][:, goals])
     return best - value, success
 
 
