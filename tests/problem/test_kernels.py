@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from certified import evolve
+from refusals import refused
 
 from elitelanes_jax import InputError, Result, SearchSpec, random_grids, road_problem
 from elitelanes_jax.network import measure_town
@@ -186,5 +187,5 @@ def test_features_of_a_town_are_measured_where_they_are_named():
         maps = free.maps(99, where="mean_street=1..")  # measured for the choice
     for road_map in maps:
         assert int(measure_town(road_map.codes).mean_street) == 1000 * road_map.metrics["mean_street"] >= 1000
-    with pytest.raises(InputError, match="sides of at most 32 for the mean detour, got 33 x 4"):
+    with refused("shape", "33 x 4", expected="at most 32"):
         evolve(0, (33, 4), where="mean_detour=1..2")
