@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from folders import read_picture
+from refusals import refused
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
@@ -205,7 +206,7 @@ def test_a_folder_called_top_is_no_picture_from_above(own):
 
 
 def test_the_seed_of_a_choice_is_checked():
-    with pytest.raises(InputError, match="seed: expected whole numbers, 0 or more, got -1"):
+    with refused("seed", "-1"):
         load_objects().choose([], -1)
 
 
