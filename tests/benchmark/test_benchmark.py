@@ -389,7 +389,7 @@ def test_a_search_may_end_early_and_faults_are_named():
         (np.zeros((3, 4, 5), int), "int64 [3, 4, 5]"),
         (np.zeros((3, 5, 5)), "float64 [3, 5, 5]"),
         (None, "object []"),
-        ([[1, 2], [3]], "... inhomogeneous ..."),
+        ([[1, 2], [3]], "... inhomog..."),
         (np.zeros((0, 5, 5), int), "int64 [0, 5, 5]"),
         (np.full((1, 5, 5), 16), "16 to 16"),
     ):
