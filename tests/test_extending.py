@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from certified import evolve
 from oracle import measure as oracle
+from refusals import refused
 
 from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, road_problem, run
 from elitelanes_jax.network.bits import random_bits
@@ -137,14 +138,14 @@ def test_values_out_of_range_are_refused():
     }
     odd = {"odd": lambda grid: jnp.where(grid[1, 1] == 6, 2**28 + 1, 0)}
     grids = jax.random.randint(jax.random.key(4), (256, *SHAPE), 0, 16, jnp.int8)
-    for refused, options in (
+    for corners, options in (
         ((3, 6, 12), {"features": features, "measured": [*features], "feature_weights": [0, 0, -1000]}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -(2**29) - 1, metrics.turns)}),
         ((6,), {"features": odd, "measured": ["odd"], "feature_weights": [2]}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -jnp.inf, 1.0 * metrics.turns)}),
     ):
         valid = jax.jit(partial(score, road_problem(SHAPE, **options)))(grids).valid
-        np.testing.assert_array_equal(valid, ~np.isin(grids[:, 1, 1], refused))
+        np.testing.assert_array_equal(valid, ~np.isin(grids[:, 1, 1], corners))
     result = search(("ea", "paper"), generations=5, features=features, weights={"weighed": -1000})
     found, _ = elites(result)
     assert len(found) and not np.isin(found[:, 1, 1], (3, 6, 12)).any()
@@ -217,14 +218,16 @@ def test_a_function_is_known_by_what_it_computes(name, tmp_path):
     assert run(state=state, **of_factor(name, 2)).state.generation == 2
     kept = run(checkpoint=tmp_path / name, **of_factor(name, 2) | {"generations": 2})
     assert kept.state.generation == 2
-    for options, words in (
-        ({"state": state}, "got one of a run with another key, other options or functions"),
+    for options, subject, got, expected in (
+        ({"state": state}, "state", "one of a run with another key, other options or functions", ""),
         (
             {"checkpoint": tmp_path / name},
-            "expected results with functions [a-z]+ '[0-9a-f]{16}', got results with '[0-9a-f]{16}'",
+            "...fitness",
+            "results with '...'",
+            "functions",
         ),
     ):
-        with pytest.raises(InputError, match=words):
+        with refused(subject, got, expected):
             run(**of_factor(name, 3), **options)
 
 
@@ -236,7 +239,7 @@ def test_a_feature_is_known_by_what_it_computes_beside_another_function_of_its_n
     run = partial(evolve, jax.random.key(0), SHAPE, generations=1, method="ea", **options)
     before = run(features={name: lambda grid: (grid == 5).sum()})
     assert [name for name, _ in before.functions] == [name, "user fitness" if other == "fitness" else "move mine"]
-    with pytest.raises(InputError, match="other options or functions"):
+    with refused("state", "one of a run with another key, other options or functions"):
         run(features={name: lambda grid: (grid == 10).sum()}, state=before.state)
 
 
@@ -254,7 +257,7 @@ def test_a_function_whose_values_change_is_another_one(tmp_path):
         before = run(**{name: value})
         added[...] = 1
         after = run(**{name: value})
-        with pytest.raises(InputError, match="other options or functions"):
+        with refused("state", "one of a run with another key, other options or functions"):
             run(**{name: value}, state=before.state)
         one, other = (r.elites.fitness if name == "fitness" else r.elites.features["mine"] for r in (before, after))
         np.testing.assert_array_equal(np.asarray(one) + 1, other)
@@ -426,26 +429,24 @@ def test_what_is_wrong_with_a_problem_is_said(any_types):
             Problem(*arguments)
         assert message in str(caught.value)
     for method in ("paper", "tuned"):
-        with pytest.raises(InputError, match="axes: expected a problem with at least one axis, got none"):
+        with refused("axes", "none", expected="problem"):
             make_optimizer(Problem((5, 4), evaluate, ("alike", "ones")), PRESETS["map-elites", method]).init(
                 jax.random.key(0)
             )
-    with pytest.raises(InputError, match="evaluate: expected fitness and features of shapes"):
+    with refused("evaluate", "((32,), (32, 2))", expected="shapes"):
         annealed_ea(Problem((5, 4), evaluate, ("alike",))).init(jax.random.key(0))
     for fitness, features in ((True, 1), (1, 0.5), (1j, 1)):
         odd = Problem((5, 4), partial(constant, fitness, features), ("alike",))
-        with pytest.raises(
-            InputError, match="evaluate: expected a fitness of real numbers and features of whole numbers"
-        ):
+        with refused("evaluate", expected="real numbers"):
             annealed_ea(odd).init(jax.random.key(0))
     for returned in (None, np.zeros(2), ([0, 0], [[0], [0]]), (np.zeros(2), np.zeros((2, 1), int), 0)):
         other = Problem((5, 4), lambda grids, returned=returned: returned, ("alike",))
-        with pytest.raises(InputError, match="^evaluate: expected a tuple of two arrays, fitness and features, got "):
+        with refused("evaluate", expected="tuple"):
             score(other, np.zeros((2, 5, 4), np.int8))
     many = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((40, 5, 4), np.int8))
-    with pytest.raises(InputError, match="initial: expected at most 32 grids"):
+    with refused("initial", "40", expected="at most 32"):
         annealed_ea(many).init(jax.random.key(0))
-    with pytest.raises(InputError, match=r"initial: expected whole numbers of shape \[N, 5, 4\], got int8 \[3, 0\]"):
+    with refused("initial", "int8 [3, 0]", expected="[N, 5, 4]"):
         Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((3, 0), np.int8))
     none = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((0, 5, 4), np.int8))
     assert none.random(jax.random.key(0), 2).shape == (2, 5, 4)
@@ -470,14 +471,14 @@ def test_a_state_that_cannot_be_saved_is_refused_before_the_search(tmp_path):
 
     options = {"seeds": 2, "generations": 2, "optimizer": keyed, "progress": False}
     assert len(evolve(0, (4, 4), **options).history.generation) == 2
-    with pytest.raises(InputError, match="state: expected arrays of NumPy's numbers, to be saved, got key<fry>"):
+    with refused("state", "key<fry>"):
         evolve(0, (4, 4), checkpoint=tmp_path / "kept", **options)
     assert not (tmp_path / "kept").exists()
 
 
-@pytest.mark.parametrize(("wrong", "got"), [(0, "got 0"), (8.5, "got 8.5")])
+@pytest.mark.parametrize(("wrong", "got"), [(0, "0"), (8.5, "8.5")])
 def test_a_step_evaluates_a_whole_number_of_grids(wrong, got):
-    with pytest.raises(InputError, match=f"optimizer: evaluations_per_step: expected a whole number, 1 or more, {got}"):
+    with refused("optimizer: evaluations_per_step", got):
         evolve(0, (4, 4), seeds=1, optimizer=lambda problem: ea(problem)._replace(evaluations_per_step=wrong))
 
 
@@ -490,5 +491,5 @@ def test_what_a_fitness_reads_may_change_beside_an_optimizer():
     added = 1
     after = evolve(jax.random.key(0), SHAPE, **options)
     np.testing.assert_array_equal(before.elites.fitness + 1, after.elites.fitness)
-    with pytest.raises(InputError, match="other options or functions"):
+    with refused("state", "one of a run with another key, other options or functions"):
         evolve(jax.random.key(0), SHAPE, **options, state=before.state)
