@@ -390,7 +390,7 @@ def test_workers_without_the_package_are_one_line():
 def test_functions_that_cannot_travel_are_refused(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "cloudpickle", None)
     local = {"fitness": lambda usual, metrics: usual + metrics.turns}
-    with refused("executor", "Can't pickle local object...", hint="pip install"):
+    with refused("executor", expected="sent to workers", hint="pip install"):
         evolve(0, (4, 4), seeds=2, spec=SEARCH, **local, executor=OneByOne())
 
 

@@ -269,7 +269,7 @@ def test_a_history_is_the_median_in_a_band():
     with refused("values", "shape (30, 9)", expected="[S, 30]"):
         seed_band(record.evaluations, best.T)
     for quantiles in ((0.9, 0.1), (0, 0.5, 1), None, ("a", "b"), (0, 2), (float("nan"), 1)):
-        with refused("quantiles", expected="two"):
+        with refused("quantiles", repr(quantiles), expected="two"):
             seed_band(record.evaluations, best, quantiles=quantiles)
 
 

@@ -80,7 +80,7 @@ def sight():
         ),
         (AnnealedMapElitesConfig, {"restart": 2}, "restart", "2", ""),
         (AnnealedMapElitesConfig, {"bin_penalty": 10**6}, "bin_penalty", "1000000", ""),
-        (AnnealedMapElitesConfig, {"annealing": jnp.zeros(3)}, "annealing", None, "AnnealingConfig"),
+        (AnnealedMapElitesConfig, {"annealing": jnp.zeros(3)}, "annealing", "Array(...", "AnnealingConfig"),
         (MoveWeights, {"link": -1}, "link", "-1", ""),
         (MoveWeights, {"fill_probability": 2}, "fill_probability", "2", ""),
         (MoveWeights, NO_MOVES, "link", "none", ""),

@@ -120,7 +120,7 @@ def test_a_bridge_is_a_flaw_if_a_task_has_two_descriptors():
     ["5x5A", "5x5A-1000", "6x6B-turns-10000", "7x7B-turns-1000000", "12x12B-10000", "5x5-10000", "5x5C-10000", "", 3],
 )
 def test_there_are_no_other_tasks(name):
-    with refused("task", expected="SIZE-BUDGET"):
+    with refused("task", repr(name), expected="SIZE-BUDGET"):
         find_task(name)
 
 
@@ -516,7 +516,7 @@ def test_masked_numbers_are_refused():
 
 @pytest.mark.parametrize("values", [None, [0.5, None], [0.5, np.inf], [-np.inf], "0.5"])
 def test_a_score_is_a_finite_number_or_nan(any_types, values):
-    with refused("values"):
+    with refused("values", "array(..."):
         confidence_interval(values)
 
 

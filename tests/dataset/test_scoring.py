@@ -85,7 +85,7 @@ def test_wrong_folders_are_named(dataset, tmp_path):
         (tmp_path / file.name).write_text("no picture")
     with refused("predictions", "another file, 0000...png"):
         score_predictions(dataset, tmp_path)
-    with refused("predictions", "...out", expected="layout"):
+    with refused("predictions", dataset, expected="layout"):
         score_predictions(dataset, dataset / "dataset.json")
     with refused("predictions", "none, nowhere"):
         score_predictions(dataset, "nowhere")

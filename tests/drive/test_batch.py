@@ -122,9 +122,9 @@ def test_params_of_other_shapes_are_refused():
     batch = Batch(RoadNav, PARAMS, 2, SAME_STEP)
     larger = make_levels(jax.random.key(2), drawn_maps(1, 2, (5, 5), fill=True))
     for other in (PARAMS.replace(levels=larger), PARAMS.replace(window=5), PARAMS.replace(goal="mark")):
-        with refused("params", "other shapes of states or observations", expected="size, the"):
+        with refused("params", "other shapes of states or observations", expected="the same size"):
             batch.replace_params(other)
-    with refused("params", expected="RoadNavParams"):
+    with refused("params", "LaneDriveParams(...", expected="RoadNavParams"):
         batch.replace_params(LaneDriveParams(LEVELS))
     assert batch.params is PARAMS
 

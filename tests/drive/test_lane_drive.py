@@ -222,7 +222,7 @@ def test_messages_show_what_came_and_no_tracer(params):
         (lambda: LaneDrive.reset(jax.random.key(0), 5), "params", "5", ""),
         (lambda: LaneDrive.observe(5, params), "state", "5", "LaneDriveState"),
         (lambda: RoadNav.step(jax.random.key(0), 5, 0, params), "state", "5", "RoadNavState"),
-        (lambda: RoadNav.observe(state, 5), "state", None, "RoadNavState"),
+        (lambda: RoadNav.observe(state, 5), "state", "LaneDriveState(...", "RoadNavState"),
     ):
         with refused(subject, got, expected):
             call()

@@ -107,7 +107,7 @@ def test_lane_poses_of_a_set_with_other_lanes_are_those_of_polylines(grid):
 
 @pytest.mark.parametrize("wrong", [0, 0.5, -0.2, float("nan"), 1])
 def test_a_lane_beside_the_road_is_refused(grid, wrong):
-    with refused("lane_offset", expected="number"):
+    with refused("lane_offset", repr(wrong), expected="number"):
         lane_pose(grid, Pose(0.5, 0.5, 0.0), lane_offset=wrong)
 
 

@@ -301,16 +301,17 @@ def test_levels_that_robots_cannot_share_are_refused():
         RoadTrafficParams(make_traffic_levels([RING]), robots=17)
     assert RoadTrafficParams(make_traffic_levels([RING]), robots=17, slots=2).robots == 17
     rule = traffic_rule("allway_stop")
-    wrong_rules = (
-        rule._replace(green=np.ones((0, 4), bool)),
-        rule._replace(phase_steps=0),
-        rule._replace(phase_steps=2**40),
-        rule._replace(yields=3),
-        rule._replace(yields=np.eye(12, dtype=bool)),
-        rule._replace(yields=[[True], [True, True]]),
-    )
-    for wrong in ("zebra", 3, *wrong_rules):
-        with refused("rule..."):
+    for wrong, subject, got in (
+        ("zebra", "rule", "'zebra'"),
+        (3, "rule", "3"),
+        (rule._replace(green=np.ones((0, 4), bool)), "rule: green", "array([], ..."),
+        (rule._replace(phase_steps=0), "rule: phase_steps", "0"),
+        (rule._replace(phase_steps=2**40), "rule: phase_steps", 2**40),
+        (rule._replace(yields=3), "rule: yields", "3"),
+        (rule._replace(yields=np.eye(12, dtype=bool)), "rule: yields", "True on the diagonal"),
+        (rule._replace(yields=[[True], [True, True]]), "rule: yields", "[[True], [True, True]]"),
+    ):
+        with refused(subject, got):
             RoadTrafficParams(make_traffic_levels([RING]), rule=wrong)
 
 

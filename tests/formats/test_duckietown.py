@@ -217,7 +217,7 @@ def test_aliases_are_what_they_name_and_other_values_do_not_matter():
 def test_bad_settings_are_named():
     grid = [[6, 3], [12, 9]]
     for size in (0, 0.009, 101, True, "0.6", np.array([0.5, 0.6]), float("nan"), 1j, None):
-        with refused("tile_size", expected="number"):
+        with refused("tile_size", repr(size)):
             to_duckietown(grid, tile_size=size)
 
 

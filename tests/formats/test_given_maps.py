@@ -52,7 +52,7 @@ def test_one_map_is_taken_in_every_form(file):
     for source in forms(file):
         assert np.array_equal(as_map(source).codes, CODES), source
     for source in (3, np.array(3), {"codes": CODES}):
-        with refused("map", expected="a grid or a file"):
+        with refused("map", repr(source)):
             as_map(source)
 
 

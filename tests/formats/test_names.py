@@ -78,7 +78,7 @@ def test_a_name_is_read_as_it_is_or_refused(to, kind):
     name = ODD_NAMES[kind]
     size = {"tile_px": 16} if "tile_px" in FORMATS[to].takes else {}
     if kind in REFUSED.get(to, ()):
-        with refused("name", expected="name"):
+        with refused("name", "'...'", expected="a name"):
             FORMATS[to].files(TOWN, name, **size)
         return
     files = list(FORMATS[to].files(TOWN, name, **size).values())

@@ -118,5 +118,5 @@ def test_cells_are_connected_as_tiles_are(grid):
 
 @pytest.mark.parametrize("name", [None, "", "a\tmap", "a\nmap"])
 def test_names_that_no_list_of_tasks_can_hold_are_refused(name):
-    with refused("name", expected="name"):
+    with refused("name", repr(name)):
         to_movingai(TOWN, name)

@@ -40,7 +40,7 @@ def test_checked_weights():
         (Weights(tiles=float("nan")), "tiles=nan"),
         (Weights(tiles="many"), "tiles='many'"),
         (Weights(edges=True), "edges=True"),
-        (Weights(dead_ends=2 * 10**7), "weights with which it might reach 2,880,210,838"),
+        (Weights(dead_ends=2 * 10**7), "weights with which it might reach ..."),
         ({"bridges": 1}, "dict"),
     ):
         with refused("weights", got):

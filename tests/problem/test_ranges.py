@@ -180,7 +180,7 @@ def test_limits_count_in_the_largest_fitness_and_are_checked():
     limits = range_limits(parse_ranges({"bridges": (2**20, None)}), METRIC_NAMES)
     weights = Weights(constant=2**31 - 10**6)
     for options in ({"where": {"bridges": (2**20, None)}}, {"limits": limits}, {"limits": jnp.asarray(limits)}):
-        with refused("weights", "weights with which it might reach 2,193,198,294"):
+        with refused("weights", "weights with which it might reach ..."):
             road_problem((4, 4), weights=weights, **options)
     unlimited = range_limits((), METRIC_NAMES)
     assert road_problem((4, 4), weights=weights, limits=unlimited).evaluate(jnp.zeros((1, 4, 4), jnp.int8))

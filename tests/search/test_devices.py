@@ -169,5 +169,5 @@ def test_fewer_cores_on_request(monkeypatch):
 
 @pytest.mark.parametrize("wrong", [0, -1, 1.5, True, "cpu", [], ["cpu"]])
 def test_wrong_devices_are_refused(wrong, any_types):
-    with refused("devices", expected="number"):
+    with refused("devices", repr(wrong), expected="JAX's devices"):
         evolve(devices=wrong)

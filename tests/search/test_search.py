@@ -364,11 +364,11 @@ def test_a_search_inside_a_transformation_is_refused_with_what_to_do(transform):
         ({"axes": [Axis(np.array([1, 2]), 3)]}, "axes array([1, 2])", "array([1, 2])", ""),
         ({"weights": [(np.array([1, 2]), 3)]}, "weights", "array([1, 2])", ""),
         ({"rules": "duckietown", "fill": True}, "fill", "True", ""),
-        ({"weights": {"bridges": 2**30}}, "weights", "weights with which it might reach 31,138,567,516", "5 x 6"),
+        ({"weights": {"bridges": 2**30}}, "weights", "weights with which it might reach ...", "5 x 6"),
         (
             {"weights": {"bridges": 73 * 10**6}, "where": "crossings=2"},
             "weights",
-            "weights with which it might reach 2,163,738,940",
+            "weights with which it might reach ...",
             "5 x 6",
         ),
         (

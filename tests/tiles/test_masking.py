@@ -107,7 +107,7 @@ def test_masks_that_are_there_stay(drawn_tiles, tmp_path):
 
 
 def test_what_cannot_be_masked_is_named(tmp_path):
-    with refused("", "...got none"):
+    with refused("", f"{tmp_path}: ... got none"):
         mask_folder(tmp_path)
     place = tmp_path / "turn_1"
     place.mkdir()
