@@ -48,7 +48,7 @@ def test_a_floor_that_is_too_small_is_refused():
 
 
 def test_the_least_floor_that_a_message_names_is_large_enough():
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError) as caught:
         floor_size(1.59, 1.59)
-    least = float(str(refused.value).split()[4])
+    least = float(str(caught.value).split()[4])
     assert floor_size(least, least) == (2, 2)
