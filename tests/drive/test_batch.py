@@ -307,5 +307,5 @@ def test_other_towns_need_a_reset_of_robots_that_share_them():
             batch.step(actions)
         batch.reset()
         batch.step(actions)
-    with refused("params", "other shapes of states or observations"):
+    with refused("params", "other shapes of states or observations", expected="number of robots"):
         batch.replace_params(params.replace(robots=4))

@@ -87,5 +87,5 @@ def test_make_names_its_own_argument(maps):
 
 
 def test_make_takes_maps_in_place_of_levels(maps):
-    with refused("levels", "'levels'"):
+    with refused("levels", "'levels'", expected="limit"):
         make("RoadNav", maps, levels=make_levels(jax.random.key(0), maps))

@@ -122,7 +122,7 @@ def test_a_seed_that_comes_twice_is_warned_of(parts):
         assert join_results([parts[0], search(KEYS[1])]).elites.grids.shape[0] == 3
 
 
-@pytest.mark.parametrize("results", [[], "abc", [3]])
-def test_only_results_are_joined(results):
-    with refused("results"):
+@pytest.mark.parametrize(("results", "expected"), [([], "at least one"), ("abc", "Result"), ([3], "Result")])
+def test_only_results_are_joined(results, expected):
+    with refused("results", expected=expected):
         join_results(results)
