@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from certified import evolve
 from oracle import measure as oracle
+from refusals import refused
 
-from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, road_problem, run
+from elitelanes_jax import Problem, Result, annealed_ea, ea, road_problem, run
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
@@ -137,14 +138,14 @@ def test_values_out_of_range_are_refused():
     }
     odd = {"odd": lambda grid: jnp.where(grid[1, 1] == 6, 2**28 + 1, 0)}
     grids = jax.random.randint(jax.random.key(4), (256, *SHAPE), 0, 16, jnp.int8)
-    for refused, options in (
+    for corners, options in (
         ((3, 6, 12), {"features": features, "measured": [*features], "feature_weights": [0, 0, -1000]}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -(2**29) - 1, metrics.turns)}),
         ((6,), {"features": odd, "measured": ["odd"], "feature_weights": [2]}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -jnp.inf, 1.0 * metrics.turns)}),
     ):
         valid = jax.jit(partial(score, road_problem(SHAPE, **options)))(grids).valid
-        np.testing.assert_array_equal(valid, ~np.isin(grids[:, 1, 1], refused))
+        np.testing.assert_array_equal(valid, ~np.isin(grids[:, 1, 1], corners))
     result = search(("ea", "paper"), generations=5, features=features, weights={"weighed": -1000})
     found, _ = elites(result)
     assert len(found) and not np.isin(found[:, 1, 1], (3, 6, 12)).any()
@@ -217,14 +218,11 @@ def test_a_function_is_known_by_what_it_computes(name, tmp_path):
     assert run(state=state, **of_factor(name, 2)).state.generation == 2
     kept = run(checkpoint=tmp_path / name, **of_factor(name, 2) | {"generations": 2})
     assert kept.state.generation == 2
-    for options, words in (
-        ({"state": state}, "got one of a run with another key, other options or functions"),
-        (
-            {"checkpoint": tmp_path / name},
-            "expected results with functions [a-z]+ '[0-9a-f]{16}', got results with '[0-9a-f]{16}'",
-        ),
+    for options, subject, got, expected in (
+        ({"state": state}, "state", "one of a run with another key, other options or functions", ""),
+        ({"checkpoint": tmp_path / name}, tmp_path / name, "results with '...'", "functions"),
     ):
-        with pytest.raises(InputError, match=words):
+        with refused(subject, got, expected):
             run(**of_factor(name, 3), **options)
 
 
@@ -236,7 +234,7 @@ def test_a_feature_is_known_by_what_it_computes_beside_another_function_of_its_n
     run = partial(evolve, jax.random.key(0), SHAPE, generations=1, method="ea", **options)
     before = run(features={name: lambda grid: (grid == 5).sum()})
     assert [name for name, _ in before.functions] == [name, "user fitness" if other == "fitness" else "move mine"]
-    with pytest.raises(InputError, match="other options or functions"):
+    with refused("state", "one of a run with another key, other options or functions"):
         run(features={name: lambda grid: (grid == 10).sum()}, state=before.state)
 
 
@@ -254,7 +252,7 @@ def test_a_function_whose_values_change_is_another_one(tmp_path):
         before = run(**{name: value})
         added[...] = 1
         after = run(**{name: value})
-        with pytest.raises(InputError, match="other options or functions"):
+        with refused("state", "one of a run with another key, other options or functions"):
             run(**{name: value}, state=before.state)
         one, other = (r.elites.fitness if name == "fitness" else r.elites.features["mine"] for r in (before, after))
         np.testing.assert_array_equal(np.asarray(one) + 1, other)
@@ -297,37 +295,52 @@ def test_chosen_maps_have_a_float_fitness():
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "subject", "got", "expected"),
     [
-        ({"fitness": 3}, "fitness: expected a function of metrics, features, grid or usual, got 3"),
-        ({"fitness": lambda turns: turns}, "expected arguments among metrics, features, grid, usual, got 'turns'"),
-        ({"fitness": lambda grid: grid}, "it to return an integer or float scalar, got int32 of shape (4, 4)"),
-        ({"fitness": lambda usual: None}, "expected it to return an integer or float scalar, got None"),
-        ({"features": {"mine": lambda grid: 2**40}}, "mine to return an integer scalar, got 1099511627776"),
-        ({"fitness": lambda usual: 2**40}, "expected it to return an integer or float scalar, got 1099511627776"),
-        ({"fitness": lambda usual, /: usual}, "fitness: expected a function with named arguments, got "),
-        ({"fitness": lambda grid: "x"}, "expected it to return an integer or float scalar, got 'x'"),
-        ({"fitness": lambda grid: grid[1, 1] > 1}, "integer or float scalar, got bool of shape ()"),
-        ({"fitness": lambda metrics: float(metrics.turns)}, "fitness: expected it to be a function that JAX can trace"),
-        ({"moves": 3}, "moves: expected weights and moves by name, got 3"),
-        ({"moves": {"miror": 0}}, "got 'miror'; is it mirror?"),
-        ({"moves": {"mirror": -1}}, "moves: mirror: expected a whole number, 0 or more, got -1"),
-        ({"moves": {"mine": (1, lambda bits: bits)}}, "moves: mine: expected a weight and a Move"),
-        ({"moves": {"mirror": np.array(3)}}, "moves: expected plain numbers, got an array in Annealed"),
-        ({"moves": {"mine": (jnp.int32(3), mark(3))}}, "moves: expected plain numbers, got an array in Annealed"),
+        ({"fitness": 3}, "fitness", "3", "a function"),
+        ({"fitness": lambda turns: turns}, "fitness", "'turns'", "arguments"),
+        ({"fitness": lambda grid: grid}, "fitness", "int32 of shape (4, 4)", "scalar"),
+        ({"fitness": lambda usual: None}, "fitness", "None", "scalar"),
+        ({"features": {"mine": lambda grid: 2**40}}, "features", "1099511627776", "mine"),
+        ({"fitness": lambda usual: 2**40}, "fitness", "1099511627776", "scalar"),
+        ({"fitness": lambda usual, /: usual}, "fitness", "<function <lambda> ...", "named arguments"),
+        ({"fitness": lambda grid: "x"}, "fitness", "'x'", "scalar"),
+        ({"fitness": lambda grid: grid[1, 1] > 1}, "fitness", "bool of shape ()", "scalar"),
+        ({"fitness": lambda metrics: float(metrics.turns)}, "fitness", None, "trace"),
+        ({"moves": 3}, "moves", "3", "by name"),
+        ({"moves": {"mirror": -1}}, "moves: mirror", "-1", "number"),
+        (
+            {"moves": {"mine": (1, lambda bits: bits)}},
+            "moves: mine",
+            "(1, <function <lambda> ...",
+            "a weight and a Move",
+        ),
+        ({"moves": {"mirror": np.array(3)}}, "moves", "an array in Annealed...", "plain numbers"),
+        ({"moves": {"mine": (jnp.int32(3), mark(3))}}, "moves", "an array in Annealed...", "plain numbers"),
         (
             {"moves": {None: (1, mark(3))}},
-            "moves: expected names of letters, digits and _ that no other move has, got None",
+            "moves",
+            "None",
+            "names",
         ),
-        ({"moves": {"mine": (-1, Move(1, print))}}, "moves: mine: expected a whole number, 0 or more, got -1"),
-        ({"moves": {"mine": (1, Move(1, lambda bits, grid, mate: (grid, grid)))}}, "mine to return int8 and bool"),
-        ({"moves": {"mirror": 0}, "preset": "paper"}, "moves: expected a method with moves, such as preset tuned"),
+        ({"moves": {"mine": (-1, Move(1, print))}}, "moves: mine", "-1", "number"),
+        (
+            {"moves": {"mine": (1, Move(1, lambda bits, grid, mate: (grid, grid)))}},
+            "moves",
+            None,
+            "mine to return int8",
+        ),
+        ({"moves": {"mirror": 0}, "preset": "paper"}, "moves", "MapElitesConfig", "a method"),
     ],
 )
-def test_wrong_functions_are_named(options, message, any_types):
-    with pytest.raises(InputError) as caught:
+def test_wrong_functions_are_named(options, subject, got, expected, any_types):
+    with refused(subject, got, expected):
         evolve(jax.random.key(0), SHAPE, generations=1, **options)
-    assert message in str(caught.value)
+
+
+def test_the_name_of_a_move_is_suggested(any_types):
+    with refused("moves", "'miror'", hint="is it mirror?"):
+        evolve(jax.random.key(0), SHAPE, generations=1, moves={"miror": 0})
 
 
 def test_moves_of_the_user_are_made_in_proportion_to_their_weights():
@@ -417,35 +430,32 @@ def check_search(which, score):
 
 
 def test_what_is_wrong_with_a_problem_is_said(any_types):
-    for arguments, message in (
-        (((1, 4), evaluate), "shape: expected sides from 2"),
-        (((5, 4), evaluate, ("alike",), (Axis("turns", 3, 1),)), "axes: expected features of the problem, alike, got"),
-        (((5, 4), evaluate, (), (), (0, 16)), "alphabet: expected tile codes"),
+    for arguments, subject, got, expected in (
+        (((1, 4), evaluate), "shape", "1 x 4", "from 2"),
+        (((5, 4), evaluate, ("alike",), (Axis("turns", 3, 1),)), "axes", "turns", "alike"),
+        (((5, 4), evaluate, (), (), (0, 16)), "alphabet", "16", "codes"),
     ):
-        with pytest.raises(InputError) as caught:
+        with refused(subject, got, expected):
             Problem(*arguments)
-        assert message in str(caught.value)
     for method in ("paper", "tuned"):
-        with pytest.raises(InputError, match="axes: expected a problem with at least one axis, got none"):
+        with refused("axes", "none", expected="problem"):
             make_optimizer(Problem((5, 4), evaluate, ("alike", "ones")), PRESETS["map-elites", method]).init(
                 jax.random.key(0)
             )
-    with pytest.raises(InputError, match="evaluate: expected fitness and features of shapes"):
+    with refused("evaluate", "((32,), (32, 2))", expected="shapes"):
         annealed_ea(Problem((5, 4), evaluate, ("alike",))).init(jax.random.key(0))
     for fitness, features in ((True, 1), (1, 0.5), (1j, 1)):
         odd = Problem((5, 4), partial(constant, fitness, features), ("alike",))
-        with pytest.raises(
-            InputError, match="evaluate: expected a fitness of real numbers and features of whole numbers"
-        ):
+        with refused("evaluate", expected="real numbers"):
             annealed_ea(odd).init(jax.random.key(0))
     for returned in (None, np.zeros(2), ([0, 0], [[0], [0]]), (np.zeros(2), np.zeros((2, 1), int), 0)):
         other = Problem((5, 4), lambda grids, returned=returned: returned, ("alike",))
-        with pytest.raises(InputError, match="^evaluate: expected a tuple of two arrays, fitness and features, got "):
+        with refused("evaluate", expected="tuple"):
             score(other, np.zeros((2, 5, 4), np.int8))
     many = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((40, 5, 4), np.int8))
-    with pytest.raises(InputError, match="initial: expected at most 32 grids"):
+    with refused("initial", "40", expected="at most 32"):
         annealed_ea(many).init(jax.random.key(0))
-    with pytest.raises(InputError, match=r"initial: expected whole numbers of shape \[N, 5, 4\], got int8 \[3, 0\]"):
+    with refused("initial", "int8 [3, 0]", expected="[N, 5, 4]"):
         Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((3, 0), np.int8))
     none = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((0, 5, 4), np.int8))
     assert none.random(jax.random.key(0), 2).shape == (2, 5, 4)
@@ -470,14 +480,14 @@ def test_a_state_that_cannot_be_saved_is_refused_before_the_search(tmp_path):
 
     options = {"seeds": 2, "generations": 2, "optimizer": keyed, "progress": False}
     assert len(evolve(0, (4, 4), **options).history.generation) == 2
-    with pytest.raises(InputError, match="state: expected arrays of NumPy's numbers, to be saved, got key<fry>"):
+    with refused("state", "key<fry>"):
         evolve(0, (4, 4), checkpoint=tmp_path / "kept", **options)
     assert not (tmp_path / "kept").exists()
 
 
-@pytest.mark.parametrize(("wrong", "got"), [(0, "got 0"), (8.5, "got 8.5")])
+@pytest.mark.parametrize(("wrong", "got"), [(0, "0"), (8.5, "8.5")])
 def test_a_step_evaluates_a_whole_number_of_grids(wrong, got):
-    with pytest.raises(InputError, match=f"optimizer: evaluations_per_step: expected a whole number, 1 or more, {got}"):
+    with refused("optimizer: evaluations_per_step", got):
         evolve(0, (4, 4), seeds=1, optimizer=lambda problem: ea(problem)._replace(evaluations_per_step=wrong))
 
 
@@ -490,5 +500,5 @@ def test_what_a_fitness_reads_may_change_beside_an_optimizer():
     added = 1
     after = evolve(jax.random.key(0), SHAPE, **options)
     np.testing.assert_array_equal(before.elites.fitness + 1, after.elites.fitness)
-    with pytest.raises(InputError, match="other options or functions"):
+    with refused("state", "one of a run with another key, other options or functions"):
         evolve(jax.random.key(0), SHAPE, **options, state=before.state)

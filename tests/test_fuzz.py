@@ -18,6 +18,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import seed as hypothesis_seed
 from hypothesis import strategies as st
+from refusals import refused
 
 from elitelanes_jax import InputError, Result, RoadMap, read_map
 from elitelanes_jax._util.npz import npz_bytes, read_npz
@@ -218,5 +219,5 @@ def test_archives_that_unpack_to_far_more_are_refused(tmp_path, monkeypatch):
             member.write(bytes(2**24))
     for name in ("archive.npz", "result.npz"):
         (tmp_path / name).write_bytes(stream.getvalue())
-        with pytest.raises(InputError, match=f"{name}: .*expected at most 536,870,912 bytes unpacked, got 553,648,128"):
+        with refused(tmp_path / name, "...536,870,912... got 553,648,128"):
             READERS[name][0](tmp_path / name)

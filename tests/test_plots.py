@@ -13,8 +13,9 @@ import pytest
 from conftest import ALL_SHAPES, grids
 from hypothesis import given, settings
 from oracle import measure as oracle
+from refusals import refused
 
-from elitelanes_jax import Axis, InputError, evolve, repair
+from elitelanes_jax import Axis, evolve, repair
 from elitelanes_jax.network import gridlock_loop
 from elitelanes_jax.plots import archive_map, history, road_map, seed_band
 from elitelanes_jax.problem import qd_score
@@ -107,10 +108,10 @@ def test_a_loop_has_a_ribbon_for_each_of_its_links():
     assert len(artist(road_map(eight[[0, 2]], loop=loop), "loop")) == len(loop) == 4
     assert "loop" not in {collection.get_label() for collection in road_map(eight).collections}
     for wrong, got in (
-        (((0, 0), (0, 2)), r"\(0, 0\) before \(0, 2\)"),
-        (((1, 0), (1, 1)), r"\(1, 0\) before \(1, 1\)"),
+        (((0, 0), (0, 2)), "(0, 0) before (0, 2)"),
+        (((1, 0), (1, 1)), "(1, 0) before (1, 1)"),
     ):
-        with pytest.raises(InputError, match=f"loop: expected tiles of a loop, each linked to the next one, got {got}"):
+        with refused("loop", got):
             road_map(eight, loop=wrong)
 
 
@@ -121,14 +122,17 @@ def test_thumbnails_have_no_lanes_and_marks_are_the_cells():
     assert {collection.get_label() for collection in ax.collections} == {"marked", "kerb", "road", "ends"}
     corners = [tuple(points[:-1].min(axis=0)) for points in artist(ax, "marked")]
     assert corners == [(2, 1), (0, 2)]
-    with pytest.raises(InputError, match=r"marked: expected a mask of the grid's shape \(3, 4\), got \(4, 3\)"):
+    with refused("marked", "(4, 3)"):
         road_map(np.zeros((3, 4), int), marked=marked.T)
-    for wrong, got in ((marked.astype(str), "array.*'False'"), (np.ma.array(marked, mask=marked), "a masked array")):
-        with pytest.raises(InputError, match=f"marked: expected .*, got {got}"):
+    for wrong, got in (
+        (marked.astype(str), "array([['False', ..."),
+        (np.ma.array(marked, mask=marked), "a masked array"),
+    ):
+        with refused("marked", got):
             road_map(np.zeros((3, 4), int), marked=wrong)
-    with pytest.raises(InputError, match="width: expected a part of a tile's side, over 0 and at most 0.8, got 1"):
+    with refused("width", "1", expected="at most 0.8"):
         road_map(np.zeros((3, 4), int), width=1)
-    with pytest.raises(InputError, match="grid: expected tile codes"):
+    with refused("grid", "16 at A1 ([0, 0])"):
         road_map([[16, 0], [0, 0]])
 
 
@@ -197,29 +201,31 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
 
 
 @pytest.mark.parametrize(
-    ("fitness", "axes", "names", "message"),
+    ("fitness", "axes", "names", "subject", "got", "expected"),
     [
-        (np.zeros(5), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(5,\)"),
-        (np.zeros((0, 24)), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(0, 24\)"),
-        (np.zeros(24), (), {}, "axes: expected at least one axis, got none"),
+        (np.zeros(5), AXES, {}, "fitness", "shape (5,)", "24"),
+        (np.zeros((0, 24)), AXES, {}, "fitness", "shape (0, 24)", "24"),
+        (np.zeros(24), (), {}, "axes", "none", "at least one axis"),
         (
             np.zeros(4),
             ["crossings:4"],
             {},
-            "axes: expected ones with a width, such as result.search.axes, got one without",
+            "axes",
+            "one without",
+            "",
         ),
-        (np.zeros(4), AXES[1:2] * 2, {}, "axes: expected each metric once, got components 2 times"),
-        (np.zeros(24), AXES, {"across": "bridges"}, "across: expected each of cyclomatic, components, straight_share"),
-        (np.zeros(24), AXES, {"across": "components", "down": "components"}, "across: expected each of cyclomatic"),
-        (np.zeros(4), AXES[:1], {"down": "cyclomatic"}, "^down: expected each of cyclomatic"),
-        (np.float64(0), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(\)"),
-        (np.ma.masked_equal(np.arange(24), 0), AXES, {}, "fitness: expected a number at each index, got a masked"),
-        (["a"] * 24, AXES, {}, r"fitness: expected numbers, got \['a', 'a'"),
-        ([[1, 2], [3]], AXES, {}, r"fitness: expected numbers, got \[\[1, 2\], \[3\]\]"),
+        (np.zeros(4), AXES[1:2] * 2, {}, "axes", "components 2 times", ""),
+        (np.zeros(24), AXES, {"across": "bridges"}, "across", "cyclomatic, components, straight_share, bridges", ""),
+        (np.zeros(24), AXES, {"across": "components", "down": "components"}, "across", "components, components", ""),
+        (np.zeros(4), AXES[:1], {"down": "cyclomatic"}, "down", "cyclomatic, cyclomatic", ""),
+        (np.float64(0), AXES, {}, "fitness", "shape ()", "24"),
+        (np.ma.masked_equal(np.arange(24), 0), AXES, {}, "fitness", "a masked array", ""),
+        (["a"] * 24, AXES, {}, "fitness", "['a', 'a', 'a', 'a', 'a', 'a', 'a'...", ""),
+        ([[1, 2], [3]], AXES, {}, "fitness", "[[1, 2], [3]]", ""),
     ],
 )
-def test_a_heat_map_of_something_else_is_refused(fitness, axes, names, message):
-    with pytest.raises(InputError, match=message):
+def test_a_heat_map_of_something_else_is_refused(fitness, axes, names, subject, got, expected):
+    with refused(subject, got, expected):
         archive_map(fitness, axes, **names)
 
 
@@ -228,7 +234,7 @@ def test_a_result_has_its_own_axes():
     result = SimpleNamespace(elites=elites, search=SimpleNamespace(axes=AXES))
     table = archive_map(result).images[0].get_array()
     np.testing.assert_array_equal(archive_map(result, AXES).images[0].get_array(), table)
-    with pytest.raises(InputError, match="^axes: expected none with a Result, which has its own, got "):
+    with refused("axes", "(Axis(metric='turns', ..."):
         archive_map(result, (Axis("turns", 24, 1),))
 
 
@@ -258,12 +264,12 @@ def test_a_history_is_the_median_in_a_band():
     np.testing.assert_array_equal(ax.lines[1].get_ydata(), np.arange(30) + 120)
     single = seed_band(record.evaluations, best[0], linewidth=4)
     np.testing.assert_array_equal(single.lines[0].get_ydata(), best[0])
-    with pytest.raises(InputError, match="name: expected best_fitness or elite_count, got 'speed'"):
+    with refused("name", "'speed'", expected="best_fitness"):
         history(record, "speed")
-    with pytest.raises(InputError, match=r"values: expected \[S, 30\] like x, got shape \(30, 9\)"):
+    with refused("values", "shape (30, 9)", expected="[S, 30]"):
         seed_band(record.evaluations, best.T)
     for quantiles in ((0.9, 0.1), (0, 0.5, 1), None, ("a", "b"), (0, 2), (float("nan"), 1)):
-        with pytest.raises(InputError, match="quantiles: expected two"):
+        with refused("quantiles", repr(quantiles), expected="two"):
             seed_band(record.evaluations, best, quantiles=quantiles)
 
 
@@ -281,9 +287,7 @@ def test_a_history_is_drawn_from_the_step_on_at_which_each_seed_has_an_elite(vac
 def test_without_matplotlib_the_message_says_what_to_install(monkeypatch):
     for name in ("matplotlib", "matplotlib.pyplot"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(
-        InputError, match="^plots need matplotlib: pip install matplotlib, or the extra plots of elitelanes_jax$"
-    ):
+    with refused("plots need matplotlib", "pip install matplotlib, ... extra plots ..."):
         road_map([[0, 0], [0, 0]])
 
 

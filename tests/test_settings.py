@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from batches import GROUPS, batches, plain
 from certified import same
+from refusals import refused
 
-from elitelanes_jax import InputError, Optimizer, RoadMap, ea, evolve, fitness, measure, random_grids, repair, rotate
+from elitelanes_jax import Optimizer, RoadMap, ea, evolve, fitness, measure, random_grids, repair, rotate
 from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
 from elitelanes_jax.drive._batch import Batch
 from elitelanes_jax.drive._batch_programs import SAME_STEP
@@ -151,7 +152,7 @@ def test_a_search_is_the_same_whatever_is_set(name, tmp_path):
             search(checkpoint=tmp_path / "own")
     same(continued, search(3, **options))
     if options:
-        with pytest.raises(InputError, match="expected results with functions drawn"):
+        with refused(tmp_path / "own", "results with ...", expected="functions drawn"):
             search(checkpoint=tmp_path / "own")
 
 

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 from pages import blocks, run_program
+from refusals import refused
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.benchmark.measuring import measure_grids
 from elitelanes_jax.benchmark.operators import find_operators
 from elitelanes_jax.benchmark.running import run_task
@@ -120,7 +120,7 @@ def test_a_bridge_is_a_flaw_if_a_task_has_two_descriptors():
     ["5x5A", "5x5A-1000", "6x6B-turns-10000", "7x7B-turns-1000000", "12x12B-10000", "5x5-10000", "5x5C-10000", "", 3],
 )
 def test_there_are_no_other_tasks(name):
-    with pytest.raises(InputError, match=r"^task: expected SIZE-BUDGET of 5x5A, "):
+    with refused("task", repr(name), expected="SIZE-BUDGET"):
         find_task(name)
 
 
@@ -200,10 +200,10 @@ def test_intervals_cover_the_mean_and_leave_out_what_is_no_number():
     np.testing.assert_allclose([low, high], values.mean() + np.array([-half, half]), atol=0.02)
     assert confidence_interval(np.append(values, np.nan)) == (low, high)
     assert confidence_interval(np.ones(3)) == (1, 1)
-    with pytest.raises(InputError, match=r"^values: expected one score for each run, shape \[R\], got shape \[3, 2\]$"):
+    with refused("values", "shape [3, 2]"):
         confidence_interval(np.ones((3, 2)))
     assert np.isnan(confidence_interval(np.array([np.nan]))).all()
-    with pytest.raises(InputError, match=r"^values: expected one score for each run, shape \[R\], got shape \[0\]$"):
+    with refused("values", "shape [0]"):
         confidence_interval([])
 
 
@@ -246,9 +246,7 @@ def test_other_archives_are_refused_in_one_line(changed, words, tmp_path, capsys
 def test_a_track_that_is_none_is_refused_before_it_is_written(use, tmp_path, monkeypatch):
     """Such an archive was written, and `load` refused it."""
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        InputError, match="^submission: operators: expected one of open, tiles, links, moves, got 'Moves'"
-    ):
+    with refused("submission: operators", "'Moves'"):
         use(perfect()._replace(operators="Moves"))
     assert not list(tmp_path.iterdir())
 
@@ -264,17 +262,18 @@ def test_other_files_are_refused_in_one_line(content, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"),
+    ("wrong", "got", "expected"),
     [
-        ({"optimum": TASK.optimum + 2}, "expected none better than the certified -54, got -56"),
+        ({"optimum": TASK.optimum + 2}, "-56 at cyclomatic number 3, run 0...", "-54"),
         (
             {"niches": TASK.niches + 1},
-            "certified to be empty, got one at cyclomatic number 3, run 0",
+            "one at cyclomatic number 3, run 0...",
+            "empty",
         ),
     ],
 )
-def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
-    with pytest.raises(InputError, match=words):
+def test_a_certificate_that_is_wrong_is_told_of(wrong, got, expected):
+    with refused("grids", got, expected):
         perfect()._replace(task=TASK._replace(**wrong)).score()
 
 
@@ -386,25 +385,25 @@ def test_a_search_may_end_early_and_faults_are_named():
     submission = run_task(task, lambda task, rng: iter_once(task.witnesses), 2)
     _, scores = submission.score()
     assert (scores.reliability == 1).all() and scores.reliability.shape == (2, 2)
-    for batch, words in (
-        (np.zeros((3, 4, 5), int), r"expected grids \[B, 5, 5\] of whole numbers, got int64 \[3, 4, 5\]"),
-        (np.zeros((3, 5, 5)), "of whole numbers, got float64"),
-        (None, r"got object \[\]"),
-        ([[1, 2], [3]], "expected an array of grids, got "),
-        (np.zeros((0, 5, 5), int), r"got int64 \[0, 5, 5\]"),
-        (np.full((1, 5, 5), 16), "expected tile codes 0 to 15, got 16 to 16"),
+    for batch, got in (
+        (np.zeros((3, 4, 5), int), "int64 [3, 4, 5]"),
+        (np.zeros((3, 5, 5)), "float64 [3, 5, 5]"),
+        (None, "object []"),
+        ([[1, 2], [3]], "... inhomog..."),
+        (np.zeros((0, 5, 5), int), "int64 [0, 5, 5]"),
+        (np.full((1, 5, 5), 16), "16 to 16"),
     ):
-        with pytest.raises(InputError, match=f"^search: .*{words}"):
+        with refused("search", got):
             run_task(task, lambda task, rng, batch=batch: iter_once(batch), 1)
     for seeds in (0, np.array(0)):
-        with pytest.raises(InputError, match="^seeds: expected a whole number, 1 or more, got 0"):
+        with refused("seeds", "0"):
             run_task(task, walk, seeds)
     for seeds in (2, np.array(2), np.arange(2)):
         assert len(run_task(task, lambda task, rng: iter_once(task.witnesses), seeds).grids) == 2
     for search in (3, iter([]), lambda task, rng: 3):
-        with pytest.raises(InputError, match="^search: expected a generator function, which yields grids, got "):
+        with refused("search", expected="generator function"):
             run_task("5x5A-10000", search)
-    with pytest.raises(InputError, match="^task: expected SIZE-BUDGET of 5x5A"):
+    with refused("task", "'5x5C'", expected="SIZE-BUDGET"):
         run_task("5x5C", walk)
 
 
@@ -432,9 +431,9 @@ def test_runs_on_fixed_operators_repeat_and_change_one_thing(name, tmp_path):
     read = Submission.load(tmp_path / "draft.npz")
     assert read.operators == name and main(["score", str(tmp_path / "draft.npz")]) == 0
     random, mutate = find_operators(name, (5, 5), fill=False)
-    with pytest.raises(InputError, match="^count: expected a whole number, 1 or more, got -1"):
+    with refused("count", "-1"):
         random(jax.random.key(0), -1)
-    with pytest.raises(InputError, match=r"^grids: expected int8 \[B, 5, 5\], got int8 \[2, 6, 6\]"):
+    with refused("grids", "int8 [2, 6, 6]", expected="[B, 5, 5]"):
         mutate(np.zeros((2, 6, 6), np.int8), jax.random.key(0))
     parents = np.asarray(random(jax.random.key(0), 300))
     children = np.asarray(mutate(parents, jax.random.key(1)))
@@ -456,13 +455,13 @@ def test_fixed_operators_refuse_grids_that_they_have_not_made():
     def adopt(task, rng, operators):
         yield operators.mutate(task.witnesses[:1])
 
-    with pytest.raises(InputError, match="^search: expected grids that the operators of this run have made, got"):
+    with refused("search", "another at 0"):
         run_task(PAIR, smuggle, 1, operators="links")
-    with pytest.raises(InputError, match="^grids: expected grids that the operators of this run have made, got"):
+    with refused("grids", "another at 0"):
         run_task(PAIR, adopt, 1, operators="links")
-    with pytest.raises(InputError, match="^operators: expected one of tiles, links, moves, got 'flips'"):
+    with refused("operators", "'flips'"):
         run_task(PAIR, climb, 1, operators="flips")
-    with pytest.raises(InputError, match="^search: expected a function"):
+    with refused("search", "one of (task, rng)"):
         run_task(PAIR, lambda task, rng: None, 1, operators="links")
 
 
@@ -479,19 +478,19 @@ def test_grids_that_a_search_makes_and_does_not_yield_count_for_its_operators():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "got", "expected"),
     [
-        (lambda grids: grids + 256, "expected tile codes 0 to 15 in grids, got 259 to 271"),
-        (lambda grids: grids + 0.4, "expected whole numbers in grids, got float64"),
-        (lambda grids: grids[..., :4], r"expected grids \[R, 2, N, 5, 5\] for 5x5A-100000, got"),
-        (lambda grids: grids[:, :, :0], "expected at least one slot in grids"),
-        (lambda grids: grids[:0], "expected at least 1 run, got 0"),
-        (lambda _: [[1, 2]], r"expected grids \[R, 2, N, 5, 5\] for 5x5A-100000, got \[1, 2\]"),
+        (lambda grids: grids + 256, "259 to 271", ""),
+        (lambda grids: grids + 0.4, "float64", ""),
+        (lambda grids: grids[..., :4], "[10, 2, 2, 5, 4]", "[R, 2, N, 5, 5]"),
+        (lambda grids: grids[:, :, :0], "[10, 2, 0, 5, 5]", "slot"),
+        (lambda grids: grids[:0], "0", "at least 1"),
+        (lambda _: [[1, 2]], "[1, 2]", "[R, 2, N, 5, 5]"),
     ],
 )
-def test_grids_that_do_not_fit_the_task_get_no_score(change, words):
+def test_grids_that_do_not_fit_the_task_get_no_score(change, got, expected):
     grids = np.asarray(perfect().grids, int)
-    with pytest.raises(InputError, match=f"^submission: {words}"):
+    with refused("submission", got, expected):
         perfect()._replace(grids=change(grids)).score()
 
 
@@ -503,27 +502,27 @@ def masked(values):
 
 
 def test_masked_numbers_are_refused():
-    with pytest.raises(InputError, match="^best: expected a number at each index, got a masked array"):
+    with refused("best", "a masked array"):
         compute_scores(TASK, masked(np.zeros((2, len(TASK.optimum)))))
-    with pytest.raises(InputError, match="^values: expected a number at each index, got a masked array"):
+    with refused("values", "a masked array"):
         confidence_interval(masked([1.0, 0.5]))
     hidden = perfect()._replace(grids=masked(perfect().grids))
     for use in (Submission.score, Submission.grade, lambda submission: submission.save("hidden.npz")):
-        with pytest.raises(InputError, match="^submission: grids: expected a number at each index, got a masked"):
+        with refused("submission: grids", "a masked array"):
             use(hidden)
-    with pytest.raises(InputError, match="^search: expected a number at each index, got a masked array"):
+    with refused("search", "a masked array"):
         run_task(TASK, lambda task, rng: iter_once(masked(task.witnesses)), 1)
 
 
 @pytest.mark.parametrize("values", [None, [0.5, None], [0.5, np.inf], [-np.inf], "0.5"])
 def test_a_score_is_a_finite_number_or_nan(any_types, values):
-    with pytest.raises(InputError, match="^values: expected "):
+    with refused("values", "array(..."):
         confidence_interval(values)
 
 
 @pytest.mark.parametrize("kind", [bool, object, str, complex])
 def test_a_fitness_is_a_number(kind):
-    with pytest.raises(InputError, match="^best: expected numbers, infinite in vacant niches, got "):
+    with refused("best", expected="numbers, infinite"):
         compute_scores(TASK, np.zeros((1, len(TASK.optimum)), kind))
 
 
@@ -545,5 +544,5 @@ def test_operators_are_not_copied(duplicate):
     def search(task, rng, operators):
         yield duplicate(operators).random(1)
 
-    with pytest.raises(InputError, match="operators: expected one object in a run, got a copy"):
+    with refused("operators", "a copy"):
         run_task("5x5B-straights-10000", search, seeds=1, operators="links")

@@ -1,17 +1,16 @@
 """--force replaces a folder of an earlier run, and no folder with anything else in it."""
 
 import json
-import re
 import shlex
 import shutil
 from pathlib import Path
 
 import pytest
 from folders import files
+from refusals import refused
 
 from elitelanes_jax import (
     GenerateSpec,
-    InputError,
     PickSpec,
     SearchSpec,
     generate,
@@ -124,7 +123,7 @@ def test_a_folder_with_a_map_that_a_search_reads_is_not_replaced(options, linked
 def test_a_folder_with_a_file_that_a_specification_named_is_not_replaced(write, folder):
     before, source = files(folder), folder / "maps" / "0001" / "map.json"
     shutil.copy(folder / "archive.npz", folder.parent / "other.npz")
-    with pytest.raises(InputError, match="contains no input, got one with .*map.json"):
+    with refused(folder, f"one with {source}"):
         write(source, folder)
     assert files(folder) == before
 
@@ -165,7 +164,7 @@ def test_what_is_read_is_not_replaced_through_a_link_either(through, folder, cap
     words = f"{out}: expected a folder to replace that contains no input, got one with {source}"
     assert main(["pick", str(source), "--maps", "2", "--out", str(out), "--force-archive"]) == 2
     assert capsys.readouterr().err == f"elitelanes: {words}\n"
-    with pytest.raises(InputError, match=re.escape(words)):
+    with refused(out, f"one with {source}"):
         pick(PickSpec(maps=2), [source], out, force=True, force_archive=True)
     assert files(folder) == before
 
@@ -188,7 +187,7 @@ def test_pick_replaces_an_archive_only_if_that_is_said(folder, capsys):
     assert capsys.readouterr().err.endswith(
         f"expected a folder with files of an earlier run alone, got one with {words}\n"
     )
-    with pytest.raises(InputError, match=words.replace("--force-archive", "force_archive=True")):
+    with refused(more, "one with archive.npz, ...force_archive=True..."):
         pick(PickSpec(maps=2), [folder / "archive.npz"], more, force=True)
     assert files(more) == before
     assert main([*command, "--force-archive"]) == 0

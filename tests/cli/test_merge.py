@@ -1,7 +1,6 @@
 """Runs in parts: `generate --part`, and `merge`."""
 
 import json
-import re
 import shutil
 from pathlib import Path
 
@@ -9,8 +8,9 @@ import numpy as np
 import pytest
 from folders import files
 from killed_runs import digest
+from refusals import refused
 
-from elitelanes_jax import GenerateSpec, InputError, Result, merge
+from elitelanes_jax import GenerateSpec, Result, merge
 from elitelanes_jax.cli.main import main
 
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "5", "--tile-px", "16"]
@@ -142,7 +142,7 @@ def test_no_part_is_replaced_by_what_it_is_merged_into(runs, tmp_path, capsys):
     words = f"{first}: expected a folder to replace that contains no input, got one with {first}"
     assert main(["merge", *parts(place), "--out", first, "--force"]) == 2
     assert capsys.readouterr().err == f"elitelanes: {words}\n"
-    with pytest.raises(InputError, match=re.escape(words)):
+    with refused(first, f"one with {first}"):
         merge(parts(place), first, force=True)
     assert files(place) == before
 

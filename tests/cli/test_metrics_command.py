@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 from oracle import measure as oracle
+from refusals import refused
 
-from elitelanes_jax import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.sketch import draw_text
 from elitelanes_jax.network.records import largest_metrics
@@ -54,8 +54,7 @@ def test_a_feature_that_is_listed_has_a_range_or_says_that_it_has_none(name):
         if name in FEATURES:
             assert len(function(name)) == 2
         else:
-            words = f"^name: expected a metric or a share, got '{name}', a town feature, whose range is not known$"
-            with pytest.raises(InputError, match=words):
+            with refused("name", f"'{name}', a town feature, ..."):
                 function(name)
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from folders import files
 from given_maps import random_maps, small
+from refusals import refused
 
-from elitelanes_jax import InputError, make_dataset
+from elitelanes_jax import make_dataset
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset._layouts import LAYOUTS
 
@@ -31,7 +32,7 @@ def folder(written, tmp_path):
 def test_another_dataset_takes_the_place_of_one_of_any_format(name, folder, tmp_path):
     if LAYOUTS[name].needs and not importlib.util.find_spec(LAYOUTS[name].needs):
         pytest.skip(f"{LAYOUTS[name].needs} is not installed")
-    with pytest.raises(InputError, match=r"expected results with .*, got .*; use another folder, or force=True"):
+    with refused(tmp_path / "out", "results with ...", hint="force=True"):
         make_dataset(small(format=name, **OTHERS), folder)
     make_dataset(small(format=name, **OTHERS), folder, force=True)
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
@@ -81,6 +82,6 @@ def test_a_folder_with_anything_else_is_never_removed(add, found, folder, capsys
 @pytest.mark.parametrize("given", [str, Path])
 def test_a_dataset_whose_maps_are_taken_is_not_replaced_by_them(given, folder):
     before = files(folder)
-    with pytest.raises(InputError, match="^.*out: expected a folder to replace that contains no input, got one with"):
+    with refused(folder, f"one with {folder}"):
         make_dataset(small(maps_from=given(folder), seed=1), folder, force=True)
     assert files(folder) == before

@@ -11,9 +11,10 @@ import pytest
 import views_oracle
 from driving_oracle import drawn_maps
 from ground_oracle import matrix_of, points_of, see, see_labels
+from refusals import refused
 from standing_oracle import draw_back_to_front
 
-from elitelanes_jax import InputError, RoadMap, read_map, render
+from elitelanes_jax import RoadMap, read_map, render
 from elitelanes_jax.dataset import _transforms
 from elitelanes_jax.dataset._variation import vary_motion
 from elitelanes_jax.drive import Camera, Pose, Variation, lane_pose, make_scenes, stream_views, views
@@ -350,25 +351,26 @@ def test_a_stream_yields_the_batches_of_its_seed(scenes):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "subject", "got"),
     [
-        ({"batch": 0}, "batch: expected a whole number, 1 or more, got 0"),
-        ({"samples": 5}, "samples: expected a whole number, 1 to 4, got 5"),
-        ({"scenes": 3}, "scenes: expected Scenes, got 3"),
-        ({"key": 3}, "key: expected a jax.random.key, got 3"),
+        ({"batch": 0}, "batch", "0"),
+        ({"samples": 5}, "samples", "5"),
+        ({"scenes": 3}, "scenes", "3"),
+        ({"key": 3}, "key", "3"),
         (
             {"camera": Camera(sky=np.zeros(2))},
-            r"sky: expected a tuple of red, green and blue, got array\(\[0., 0.\]\)",
+            "sky",
+            "array([0., 0.])",
         ),
-        ({"variation": None}, "variation: expected Variation, got None"),
-        ({"variation": Variation(noise=np.zeros(3))}, r"noise: expected a number or an array \[2\], got shape \(3,\)"),
+        ({"variation": None}, "variation", "None"),
+        ({"variation": Variation(noise=np.zeros(3))}, "noise", "shape (3,)"),
     ],
 )
-def test_bad_arguments_are_named(scenes, arguments, message):
-    with pytest.raises(InputError, match=f"^{message}$"):
+def test_bad_arguments_are_named(scenes, arguments, subject, got):
+    with refused(subject, got):
         views(**{"key": jax.random.key(0), "scenes": scenes, "batch": 2} | arguments)
     if "key" not in arguments:
-        with pytest.raises(InputError, match=f"^{message}$"):
+        with refused(subject, got):
             stream_views(**{"seed": 0, "scenes": scenes, "batch": 2} | arguments)
 
 
@@ -379,17 +381,17 @@ def test_scenes_are_made_where_transfers_are_forbidden():
 
 
 @pytest.mark.parametrize(
-    ("maps", "options", "message"),
+    ("maps", "options", "subject", "got", "expected"),
     [
-        ([], {}, "maps: expected one or more, got none"),
-        ([[[6, 3], [12, 9]], [[0, 0], [0, 0]]], {}, r"maps\[1\]: expected a map with a lane, got .*"),
-        ([[[6, 3], [12, 9]]], {"tile_px": 8}, "tile_px: expected a whole number, 16 to 512 pixels a tile, got 8"),
-        ([[[6, 3], [12, 9]]], {"tiles": "folder"}, "tiles: expected TileSet, got 'folder'"),
+        ([], {}, "maps", "none", "one or more"),
+        ([[[6, 3], [12, 9]], [[0, 0], [0, 0]]], {}, "maps[1]", "one without any movement", ""),
+        ([[[6, 3], [12, 9]]], {"tile_px": 8}, "tile_px", "8", ""),
+        ([[[6, 3], [12, 9]]], {"tiles": "folder"}, "tiles", "'folder'", "TileSet"),
     ],
 )
 @pytest.mark.usefixtures("any_types")
-def test_bad_scenes_are_named(maps, options, message):
-    with pytest.raises(InputError, match=f"^{message}$"):
+def test_bad_scenes_are_named(maps, options, subject, got, expected):
+    with refused(subject, got, expected):
         make_scenes(maps, **options)
-    with pytest.raises(InputError, match="^noise: expected a number, 0 to 64, got 65$"):
+    with refused("noise", "65"):
         Variation(noise=65)

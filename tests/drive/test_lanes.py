@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from oracle import OPPOSITE
+from refusals import refused
 
-from elitelanes_jax import InputError, render
+from elitelanes_jax import render
 from elitelanes_jax.drive import Pose, lane_pose, movements, random_pose
 from elitelanes_jax.drive.lanes import lane_errors, lane_length, lane_point
 from elitelanes_jax.lanes.curves import LANE_OFFSET, on_road
@@ -106,7 +107,7 @@ def test_lane_poses_of_a_set_with_other_lanes_are_those_of_polylines(grid):
 
 @pytest.mark.parametrize("wrong", [0, 0.5, -0.2, float("nan"), 1])
 def test_a_lane_beside_the_road_is_refused(grid, wrong):
-    with pytest.raises(InputError, match=r"lane_offset: expected tiles, a number over 0 and under 0\.5, got"):
+    with refused("lane_offset", repr(wrong), expected="number"):
         lane_pose(grid, Pose(0.5, 0.5, 0.0), lane_offset=wrong)
 
 
@@ -238,9 +239,9 @@ def test_a_pose_of_64_bits_has_figures_of_32(grid):
 @pytest.mark.usefixtures("any_types")
 def test_a_wrong_grid_is_refused():
     pose = Pose(0.5, 0.5, 0.0)
-    with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got 16"):
+    with refused("grid", "16 at A1 ([0, 0])"):
         lane_pose(np.full((3, 3), 16), pose)
-    with pytest.raises(InputError, match="grid: expected a lane, a tile that connects to two others, got none"):
+    with refused("grid", "none", expected="lane"):
         random_pose(jax.random.key(0), [[4, 1], [0, 0]])
     assert not MOVEMENTS[[0, 1, 2, 4, 8]].any()
     assert jnp.asarray(MOVEMENTS[15]).all()

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 import pytest
 from driving_oracle import BITS, drawn_maps, lane_graph, turned
+from refusals import refused
 
-from elitelanes_jax import InputError
 from elitelanes_jax.drive import LaneNode, RoadNav, RoadNavParams, auto_reset, make_levels
 from elitelanes_jax.network.codes import rotate_codes
 
@@ -93,7 +93,7 @@ def test_what_is_not_asked_for_is_not_observed(params):
 
 
 def test_a_goal_that_would_be_marked_in_no_window_is_refused(params):
-    with pytest.raises(InputError, match="window: expected 1 or more"):
+    with refused("window", "0", expected="more"):
         RoadNavParams(params.levels, window=0, goal="mark")
 
 

@@ -10,9 +10,9 @@ import networkx as nx
 import numpy as np
 import pytest
 from driving_oracle import drawn_maps
+from refusals import refused
 from traffic_oracle import Traffic, town_graph, yields
 
-from elitelanes_jax import InputError
 from elitelanes_jax.drive import (
     RoadTraffic,
     RoadTrafficParams,
@@ -295,22 +295,23 @@ def test_draws_are_uniform(small):
 
 
 def test_levels_that_robots_cannot_share_are_refused():
-    with pytest.raises(InputError, match=r"^maps\[1\]: expected a map with a loop, got one without any"):
+    with refused("maps[1]", "one without any"):
         make_traffic_levels([RING, np.pad([[4, 5, 1]], ((0, 2), (0, 0)))])
-    with pytest.raises(InputError, match="^robots: expected at most 16, the slots of levels"):
+    with refused("robots", "17", expected="at most 16"):
         RoadTrafficParams(make_traffic_levels([RING]), robots=17)
     assert RoadTrafficParams(make_traffic_levels([RING]), robots=17, slots=2).robots == 17
     rule = traffic_rule("allway_stop")
-    wrong_rules = (
-        rule._replace(green=np.ones((0, 4), bool)),
-        rule._replace(phase_steps=0),
-        rule._replace(phase_steps=2**40),
-        rule._replace(yields=3),
-        rule._replace(yields=np.eye(12, dtype=bool)),
-        rule._replace(yields=[[True], [True, True]]),
-    )
-    for wrong in ("zebra", 3, *wrong_rules):
-        with pytest.raises(InputError, match="^rule"):
+    for wrong, subject, got in (
+        ("zebra", "rule", "'zebra'"),
+        (3, "rule", "3"),
+        (rule._replace(green=np.ones((0, 4), bool)), "rule: green", "array([], ..."),
+        (rule._replace(phase_steps=0), "rule: phase_steps", "0"),
+        (rule._replace(phase_steps=2**40), "rule: phase_steps", 2**40),
+        (rule._replace(yields=3), "rule: yields", "3"),
+        (rule._replace(yields=np.eye(12, dtype=bool)), "rule: yields", "True on the diagonal"),
+        (rule._replace(yields=[[True], [True, True]]), "rule: yields", "[[True], [True, True]]"),
+    ):
+        with refused(subject, got):
             RoadTrafficParams(make_traffic_levels([RING]), rule=wrong)
 
 
@@ -318,12 +319,12 @@ def test_a_state_belongs_to_one_town_and_its_robots():
     levels, key = make_traffic_levels([RING]), jax.random.key(0)
     three, four = (RoadTrafficParams(levels, robots=robots) for robots in (3, 4))
     _, state = RoadTraffic.reset(key, three)
-    with pytest.raises(InputError, match=r"^state: expected that of one town with robots=4, got lanes \[3\]"):
+    with refused("state", "lanes [3]", expected="robots=4"):
         RoadTraffic.step(key, state, np.zeros(3, np.int32), four)
-    with pytest.raises(InputError, match="^state: expected that of one town with robots=4"):
+    with refused("state", "lanes [3]", expected="robots=4"):
         RoadTraffic.observe(state, four)
     batch = jax.tree.map(lambda field: jnp.stack([field, field]), state)
-    with pytest.raises(InputError, match=r"^state: expected that of one town with robots=3, got lanes \[2, 3\]"):
+    with refused("state", "lanes [2, 3]", expected="robots=3"):
         RoadTraffic.step(key, batch, np.zeros((2, 3), np.int32), three)
 
 
@@ -341,9 +342,9 @@ def test_a_town_that_is_none_is_refused_unless_jax_has_it(level):
     """The first or the last town was taken instead."""
     params = RoadTrafficParams(make_traffic_levels([RING, RING]), robots=3)
     key = jax.random.key(0)
-    with pytest.raises(InputError, match=f"^level: expected the index of a level, 0 to 1, got {level}$"):
+    with refused("level", level, expected="0 to 1"):
         RoadTraffic.reset_to_level(key, level, params)
-    with pytest.raises(InputError, match="^level: expected the index of a level, 0 to 1, got "):
+    with refused("level", level, expected="0 to 1"):
         RoadTraffic.reset_to_level(key, np.array(level), params)
     assert RoadTraffic.reset_to_level(key, np.int8(1), params)[1].level == 1
     traced = jnp.int32(np.clip(level, -1, 2))

@@ -6,8 +6,8 @@ from importlib import import_module
 import numpy as np
 import pytest
 from folders import files
+from refusals import refused
 
-from elitelanes_jax import InputError
 from experiments.common import bootstrap_interval, kept, open_results
 
 
@@ -20,30 +20,31 @@ def test_a_folder_that_an_early_end_left_is_used(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "message"),
+    ("name", "text", "place", "got"),
     [
         (
             "settings.json",
             '{"seeds": 1}',
-            "expected results of seeds 2, got some of 1; choose another folder",
+            "",
+            "... of seeds 2, got some of 1",
         ),
-        ("settings.json", "[]", "settings.json: expected a table of settings, got list"),
-        ("mine.txt", "mine", "expected a folder that is new, or of the same settings, got another"),
+        ("settings.json", "[]", "settings.json", "list"),
+        ("mine.txt", "mine", "", "another"),
     ],
 )
-def test_folders_of_other_results_are_left_alone(name, text, message, tmp_path):
+def test_folders_of_other_results_are_left_alone(name, text, place, got, tmp_path):
     (tmp_path / name).write_text(text)
     before = files(tmp_path)
-    with pytest.raises(InputError, match=message):
+    with refused(tmp_path / place, got):
         open_results(tmp_path, {"seeds": 2})
-    with pytest.raises(InputError, match="expected a folder, got a file"):
+    with refused(tmp_path / name, "a file"):
         open_results(tmp_path / name, {"seeds": 2})
     assert files(tmp_path) == before
 
 
 def test_damaged_results_are_named(tmp_path):
     (tmp_path / "run.json").write_text('{"a": ')
-    with pytest.raises(InputError, match=r"run.json: expected results as JSON, got .*; delete the file to repeat"):
+    with refused(tmp_path / "run.json", "Expecting value: ...", hint="delete"):
         kept(tmp_path / "run.json", dict)
 
 

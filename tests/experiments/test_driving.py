@@ -5,8 +5,8 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from refusals import refused
 
-from elitelanes_jax import InputError
 from elitelanes_jax.drive import Pose, lane_pose
 from elitelanes_jax.drive.rides import load_policy, make_rides
 from experiments.navigation import speed as driving_speed
@@ -71,5 +71,5 @@ def test_a_policy_is_trained_and_its_weights_choose_actions(tmp_path, capsys):
     images = np.random.default_rng(0).integers(0, 256, (3, 120, 160, 3), np.uint8)
     actions = nets.choose_actions(weights, images)
     assert actions.shape == (3, 2) and np.abs(actions).max() <= 1
-    with pytest.raises(InputError, match="expected weights of train pose, got those of another network"):
+    with refused(tmp_path / "policy.npz", "those of another network", expected="train pose"):
         nets.read_weights(tmp_path / "policy.npz", "pose")

@@ -9,8 +9,7 @@ import cv2
 import jax
 import numpy as np
 import pytest
-
-from elitelanes_jax import InputError
+from refusals import refused
 
 onnx = pytest.importorskip("onnx", reason="onnx is not here")
 onnxruntime = pytest.importorskip("onnxruntime", reason="onnxruntime is not here")
@@ -117,7 +116,7 @@ def test_other_files_are_refused(tmp_path, images):
     (tmp_path / "labels.onnx").write_bytes(export_onnx.to_onnx("labels", weights, {}))
     (tmp_path / "text.onnx").write_text("nothing")
     for name in ("labels", "text", "missing"):
-        with pytest.raises(InputError, match=f"{name}.onnx: expected a file of export_onnx pose, got"):
+        with refused(tmp_path / f"{name}.onnx", expected="export_onnx pose"):
             rides.read_driver(tmp_path / f"{name}.onnx", policy=False)
-    with pytest.raises(InputError, match="expected weights of policy, got an ONNX file"):
+    with refused(tmp_path / "labels.onnx", "an ONNX file", expected="policy"):
         rides.read_driver(tmp_path / "labels.onnx", policy=True)

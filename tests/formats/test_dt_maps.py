@@ -10,6 +10,7 @@ import yaml
 from conftest import grids
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 from test_map_objects import WRITTEN, check_same
 
 from elitelanes_jax import InputError, RoadMap, read_map
@@ -78,9 +79,9 @@ def test_no_object_has_the_name_of_a_tile(tmp_path):
 
 def test_dead_ends_and_sizes_are_refused():
     """As for Duckietown's other maps."""
-    with pytest.raises(InputError, match="got dead ends at A1 "):
+    with refused("grid", "dead ends at A1 ([0, 0]), B1 ([0, 1])"):
         to_dt_maps(RoadMap([[2, 8]]))
-    with pytest.raises(InputError, match="tile_size: expected metres"):
+    with refused("tile_size", "0"):
         to_dt_maps(RoadMap([[6, 3], [12, 9]]), tile_size=0)
 
 
@@ -92,7 +93,7 @@ def test_angles_of_any_size_are_angles(tmp_path):
     text = re.sub("yaw: [^}]*", "yaw: 1e308", text)
     huge = "  huge: {relative_to: map_0, pose: {x: 0, y: 0, yaw: 1e308}}\n"
     frames.write_text(text + huge, encoding="utf-8")
-    with pytest.raises(InputError, match="expected a yaw at a right angle, got 'curve' with yaw"):
+    with refused(f"{tmp_path / 'tiles.yaml'}: map_0/tile_0_1", "'curve' with yaw -0.562327"):
         read_map(tmp_path)
 
 
@@ -102,10 +103,10 @@ def test_long_ways_to_the_map_and_long_names_are_refused(tmp_path):
     frames = {f"map_0/f{index}": f"map_0/f{index - 1}" for index in range(100)} | {"map_0/f0": "map_0"}
     lines = [f"  {name}: {{relative_to: {above}, pose: {{x: 0}}}}\n" for name, above in frames.items()]
     (tmp_path / "frames.yaml").write_text("".join(["frames:\n", *lines]))
-    with pytest.raises(InputError, match="frames.yaml: map_0/f99: .* in at most 64 steps, got a longer way"):
+    with refused(f"{tmp_path / 'frames.yaml'}: map_0/f99: relative_to", "a longer way or a circle"):
         read_map(tmp_path)
     (tmp_path / "tiles.yaml").write_text(f"tiles:\n  ? {'m/' * 600}\n  : {{type: 4way, i: 0, j: 0}}\n")
-    with pytest.raises(InputError, match="tiles.yaml: expected names of at most 1,024 characters, got m/m/m"):
+    with refused(tmp_path / "tiles.yaml", "m/m/m/m/m/m/m/m/m/m/m/m/m/m/m/m/m/m/m..."):
         read_map(tmp_path)
 
 
@@ -120,40 +121,61 @@ def write_spoilt(folder, layer, old, new):
 
 
 @pytest.mark.parametrize(
-    ("layer", "old", "new", "words"),
+    ("layer", "old", "new", "subject", "got", "expected"),
     [
-        ("tiles", "type: curve", "type: bend", "tiles.yaml: map_0/tile_0_1: type: expected one of straight, curve"),
-        ("tiles", "type: curve", "type: [1]", "tiles.yaml: map_0/tile_0_1: type: expected one of straight, curve"),
-        ("tiles", "i: 1", "i: 2000", "tiles.yaml: expected sides of 1 to 1024 tiles, .*, got 2001 x 2"),
-        ("tiles", "i: 1", "i: one", "tiles.yaml: map_0/tile_1_1: i: expected a number, got 'one'"),
-        ("tiles", "i: 1", "i: 0.5", "tiles.yaml: map_0/tile_1_1: i: expected a whole number, got 0.5"),
-        ("tiles", "i: 1", "i: 0", "map_0/tile_1_1: expected one tile in each cell, got map_0/tile_0_1 in the same one"),
-        ("tiles", "map_0/tile_0_1: {i: 0, j: 1, ", "map_0/first: {", "map_0/first: expected i and j, a frame of this"),
-        ("tiles", "tile_0_1", "tile_9", "tiles.yaml: map_0/tile_9: expected a frame of this name .* yaw of a curve"),
-        ("frames", "yaw: 1.570796", "yaw: 1.2", "tiles.yaml: map_0/tile_.* a yaw at a right angle, got 'curve'"),
-        ("frames", "to: map_0\n", "to: map_1\n", "frames.yaml: .*: relative_to: expected the name of a frame"),
-        ("frames", "to: map_0\n", "to: map_0/tile_0_1\n", "frames.yaml: .*: expected frames that lead to map_0"),
-        ("frames", "pose: {", "pose: 3 #", "frames.yaml: map_0/tile_.*: pose: expected a table, got '3'"),
-        ("frames", "x: 0.5", "x: half", "frames.yaml: map_0/tile_0_1: x: expected a number, got 'half'"),
-        ("frames", "relative_to: map_0", "unit: miles", "frames.yaml: .*: unit: expected metres or tiles"),
-        ("frames", "map_0/duckie_0:", "map_0/duckie_7:", "citizens.yaml: map_0/duckie_0: expected a frame of this"),
-        ("citizens", "citizens:", "people:", "citizens.yaml: expected a table of tables under 'citizens'"),
-        ("citizens", "{color: yellow, height: 0.08}", "yellow", "citizens.yaml: map_0/duckie_0: expected a table"),
-        ("citizens", "height: 0.08", "height: 80", "citizens.yaml: map_0/duckie_0: height: expected metres"),
-        ("traffic_signs", "id: 1", "id: 999", "traffic_signs.yaml: map_0/sign_stop_1: tag: expected a number of the"),
-        ("traffic_signs", "type: stop", "type: go on", "traffic_signs.yaml: .* expected one of .*got 'other:go on'"),
-        ("traffic_signs", "type: stop, ", "", "traffic_signs.yaml: .*: type: expected a kind of object, got None"),
-        ("traffic_signs", "type: stop", "type: null", "traffic_signs.yaml: .*: type: expected a kind .*, got 'null'"),
-        ("tiles", "i: 1", "i: 1e308", r"tiles.yaml: expected sides of 1 to 1024 tiles, .*, got \d{70,}\.\.\.$"),
-        ("tile_maps", "x: 1.0", "x: 0", "tile_maps.yaml: map_0: tile_size: expected metres"),
-        ("tile_maps", "y: 1.0", "y: 2.0", "tile_maps.yaml: map_0: tile_size: expected squares, got x 1 and y '2.0'"),
-        ("tile_maps", "map_0:", "map_1: {}\n  map_0:", "tile_maps.yaml: expected one map, got 2"),
+        ("tiles", "type: curve", "type: bend", "...tiles.yaml: map_0/tile_0_1: type", "'bend'", ""),
+        ("tiles", "type: curve", "type: [1]", "...tiles.yaml: map_0/tile_0_1: type", "['1']", ""),
+        ("tiles", "i: 1", "i: 2000", "...tiles.yaml", "2001 x 2", ""),
+        ("tiles", "i: 1", "i: one", "...tiles.yaml: map_0/tile_1_1: i", "'one'", ""),
+        ("tiles", "i: 1", "i: 0.5", "...tiles.yaml: map_0/tile_1_1: i", "0.5", ""),
+        ("tiles", "i: 1", "i: 0", "...tiles.yaml: map_0/tile_1_1", "map_0/tile_0_1 in the same one", ""),
+        ("tiles", "map_0/tile_0_1: {i: 0, j: 1, ", "map_0/first: {", "...tiles.yaml: map_0/first", "none", ""),
+        ("tiles", "tile_0_1", "tile_9", "...tiles.yaml: map_0/tile_9", "none", ""),
+        ("frames", "yaw: 1.570796", "yaw: 1.2", "...tiles.yaml: map_0/tile_0_0", "'curve' with yaw 1.2", "right angle"),
+        ("frames", "to: map_0\n", "to: map_1\n", "...frames.yaml: map_0/tile_0_1: relative_to", "'map_1'", ""),
+        (
+            "frames",
+            "to: map_0\n",
+            "to: map_0/tile_0_1\n",
+            "...frames.yaml: map_0/tile_0_1: relative_to",
+            "a longer way or a circle",
+            "",
+        ),
+        ("frames", "pose: {", "pose: 3 #", "...frames.yaml: map_0/tile_0_1: pose", "'3'", ""),
+        ("frames", "x: 0.5", "x: half", "...frames.yaml: map_0/tile_0_1: x", "'half'", ""),
+        ("frames", "relative_to: map_0", "unit: miles", "...frames.yaml: map_0/tile_0_1: unit", "'miles'", ""),
+        ("frames", "map_0/duckie_0:", "map_0/duckie_7:", "...citizens.yaml: map_0/duckie_0", "none", ""),
+        ("citizens", "citizens:", "people:", "...citizens.yaml", "None", ""),
+        ("citizens", "{color: yellow, height: 0.08}", "yellow", "...citizens.yaml: map_0/duckie_0", "'yellow'", ""),
+        ("citizens", "height: 0.08", "height: 80", "...citizens.yaml: map_0/duckie_0: height", "80.0", ""),
+        ("traffic_signs", "id: 1", "id: 999", "...traffic_signs.yaml: map_0/sign_stop_1: tag", "999", ""),
+        (
+            "traffic_signs",
+            "type: stop",
+            "type: go on",
+            "...traffic_signs.yaml: map_0/sign_stop_1: kind",
+            "'other:go on'",
+            "",
+        ),
+        ("traffic_signs", "type: stop, ", "", "...traffic_signs.yaml: map_0/sign_stop_1: type", "None", ""),
+        (
+            "traffic_signs",
+            "type: stop",
+            "type: null",
+            "...traffic_signs.yaml: map_0/sign_stop_1: type",
+            "'null'",
+            "kind",
+        ),
+        ("tiles", "i: 1", "i: 1e308", "...tiles.yaml", "100000000000000001097906...", ""),
+        ("tile_maps", "x: 1.0", "x: 0", "...tile_maps.yaml: map_0: tile_size", "0.0", ""),
+        ("tile_maps", "y: 1.0", "y: 2.0", "...tile_maps.yaml: map_0: tile_size", "x 1 and y '2.0'", ""),
+        ("tile_maps", "map_0:", "map_1: {}\n  map_0:", "...tile_maps.yaml", "2", ""),
     ],
 )
-def test_what_cannot_be_read_is_named(tmp_path, layer, old, new, words):
+def test_what_cannot_be_read_is_named(tmp_path, layer, old, new, subject, got, expected):
     """One message names the file, and the tile, frame or object."""
     write_spoilt(tmp_path, layer, old, new)
-    with pytest.raises(InputError, match=words) as caught:
+    with refused(subject, got, expected) as caught:
         read_map(tmp_path)
     assert str(caught.value).startswith(str(tmp_path))
 
@@ -162,7 +184,7 @@ def test_a_position_of_more_tiles_than_a_float_can_hold_is_refused(tmp_path):
     (tmp_path / "tiles.yaml").write_text("tiles: {map_0/tile: {type: 4way}}")
     (tmp_path / "frames.yaml").write_text("frames: {map_0/tile: {pose: {x: 1e308, y: 0}}}")
     (tmp_path / "tile_maps.yaml").write_text("tile_maps: {map_0: {tile_size: 0.1}}")
-    with pytest.raises(InputError, match=r"tiles.yaml: map_0/tile: expected .* a cell of 0.1 m, got 1e\+308 m$"):
+    with refused(f"{tmp_path / 'tiles.yaml'}: map_0/tile", "1e+308 m", expected="0.1 m"):
         read_map(tmp_path)
 
 
@@ -191,18 +213,16 @@ def test_aliases_are_not_unfolded(tmp_path, layer, old, new):
 
 def test_a_folder_without_layers_is_refused(tmp_path):
     """The first file that is missing is named."""
-    with pytest.raises(
-        InputError, match="expected a file of a map, or a folder with tiles.yaml, got a folder without$"
-    ):
+    with refused(tmp_path, "a folder without"):
         read_map(tmp_path)
     file = tmp_path / "maps" / "0000" / "map.json"
     file.parent.mkdir(parents=True)
     file.touch()
     for folder in (tmp_path, file.parents[1]):
-        with pytest.raises(InputError, match=rf"without; a map in it is {re.escape(str(file))}$"):
+        with refused(folder, f"a folder without; a map in it is {file}"):
             read_map(folder)
     (tmp_path / "tiles.yaml").write_text("tiles: {map_0/tile_0_0: {type: 4way}}")
-    with pytest.raises(InputError, match="frames.yaml: no such file"):
+    with refused(tmp_path / "frames.yaml", "no such file or directory"):
         read_map(tmp_path)
 
 

@@ -10,9 +10,10 @@ import pytest
 import yaml
 from conftest import grids
 from hypothesis import given, settings
+from refusals import refused
 from test_map_objects import WRITTEN, check_same
 
-from elitelanes_jax import InputError, RoadMap, read_map
+from elitelanes_jax import RoadMap, read_map
 from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.formats import MapObject, without_dead_ends
 from elitelanes_jax.formats.dt_maps import to_duckiematrix
@@ -82,7 +83,7 @@ def test_robots_are_vehicles_from_0_on(tmp_path):
 
 
 def test_maps_without_lanes_are_refused():
-    with pytest.raises(InputError, match="expected a lane"):
+    with refused("grid", "none", expected="lane"):
         to_duckiematrix([[0, 0], [0, 0]])
 
 

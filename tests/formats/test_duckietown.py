@@ -13,6 +13,7 @@ from duckietown_lanes import OWN_ENVIRONMENT, check_lanes, read_by_duckietown_wo
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from refusals import refused
 
 from elitelanes_jax import InputError, evolve, measure, random_grids, read_map, repair
 from elitelanes_jax.drive.lanes import lane_length, lane_point
@@ -101,10 +102,10 @@ def test_without_dead_ends_nothing_is_left_that_leads_nowhere(grid):
 
 def test_dead_ends_are_named():
     grid = [[6, 3, 0], [14, 13, 1], [8, 0, 0]]
-    with pytest.raises(ValueError, match="got dead ends at C2 .*, A3 .*; dead_ends='grass'"):
+    with refused("grid", "dead ends at C2 ([1, 2]), A3 ([2, 0])", hint="dead_ends='grass'"):
         to_duckietown(grid)
     assert without_dead_ends(grid).tolist() == [[6, 3, 0], [12, 9, 0], [0, 0, 0]]
-    with pytest.raises(ValueError, match="H1 .* and 92 more"):
+    with refused("grid", "dead ends at A1 ([0, 0]), B1 ([0, 1])...and 92 more"):
         to_duckietown(np.ones((10, 10), int))
 
 
@@ -149,40 +150,45 @@ def test_aliases_in_objects_are_not_unfolded(objects, tmp_path):
 def test_many_directives_are_refused_whatever_comes_first(first):
     """With 20,000 of them, libyaml needs a second; the time grows with the square."""
     text = first + "".join(f"%TAG !a{number}! t:x\n" for number in range(20_000)) + "---\ntiles: [[floor]]\n"
-    with pytest.raises(InputError, match="expected readable YAML, got 16 directives and more"):
+    with refused("", "16 directives and more"):
         read_duckietown(text)
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "subject", "got", "expected"),
     [
-        ("tiles: \x07", "expected readable YAML, got .* not allowed at position 7$"),
-        ("tiles: [", "expected readable YAML, got a fault at line ., column .: "),
-        ("- a", 'expected a Duckietown map, .*got no "tiles"'),
-        ("tiles: road", "tiles: expected rows of kinds of tiles, got 'road'"),
-        ("tiles: [[floor, floor], road]", "tiles: expected rows of kinds of tiles"),
-        ("tiles: [[floor, floor], [floor]]", "grid: expected rows of one length"),
-        ("tiles: [[]]", "expected sides from 1 to 1024, got 1 x 0"),
-        ("tiles: [[floor, floor], [floor, river/N]]", "got 'river/N' at B2 "),
-        ("tiles: [[floor, floor], [floor, 4]]", "got '4' at B2 "),
-        ("tiles: [[straight/Q, floor], [floor, floor]]", "expected one of straight, .* got 'straight/Q' at A1 "),
-        ("tiles: &a [*a, *a]", "tiles: expected one of"),
-        ("a: *b\ntiles: [[floor, floor], [floor, floor]]", r"expected readable YAML, got an alias of nothing, \*b"),
-        ("{[a]: b}", "expected readable YAML, its keys texts, got a list for a key"),
-        ("tiles: [[floor]]\ntiles: [[4way]]", "YAML: expected each key once, got tiles twice"),
-        ("a: b\n---\na: b", "expected readable YAML of one document, got several"),
-        ("%TAG ! a\n" * 16, "expected readable YAML, got 16 directives and more"),
-        ("", 'got no "tiles"'),
-        ("[" * 100_000, "expected YAML nested up to 64 levels deep, got more"),
-        ("- " * 100_000, "expected YAML nested up to 64 levels deep, got more"),
-        ("[" + "a," * 1_400_000 + "]", "expected YAML of at most 1,310,720 values, got more"),
-        ("r: &r [" + "floor, " * 20_000 + "]\ntiles: [" + "*r, " * 20_000 + "]", "sides up to 1024, got 20000 x 20000"),
+        ("tiles: \x07", "...map.yaml", "...at position 7", "readable"),
+        ("tiles: [", "...map.yaml", "a fault at line ..., column ...: ...", "readable"),
+        ("- a", "...map.yaml", 'no "tiles"', ""),
+        ("tiles: road", "...map.yaml: tiles", "'road'", ""),
+        ("tiles: [[floor, floor], road]", "...map.yaml: tiles", "[['floor', 'floor'], 'road']", ""),
+        ("tiles: [[floor, floor], [floor]]", "...map.yaml: grid", "rows of several", ""),
+        ("tiles: [[]]", "...map.yaml: shape", "1 x 0", "sides"),
+        ("tiles: [[floor, floor], [floor, river/N]]", "...map.yaml: tiles", "'river/N' at B2 ([1, 1])", ""),
+        ("tiles: [[floor, floor], [floor, 4]]", "...map.yaml: tiles", "'4' at B2 ([1, 1])", ""),
+        ("tiles: [[straight/Q, floor], [floor, floor]]", "...map.yaml: tiles", "'straight/Q' at A1 ([0, 0])", ""),
+        ("tiles: &a [*a, *a]", "...map.yaml: tiles", "... at A1 ([0, 0])", "one of"),
+        ("a: *b\ntiles: [[floor, floor], [floor, floor]]", "...map.yaml", "an alias of nothing, *b", ""),
+        ("{[a]: b}", "...map.yaml", "a list for a key", ""),
+        ("tiles: [[floor]]\ntiles: [[4way]]", "...map.yaml: YAML", "tiles twice", ""),
+        ("a: b\n---\na: b", "...map.yaml", "several", ""),
+        ("%TAG ! a\n" * 16, "...map.yaml", "16 directives and more", ""),
+        ("", "...map.yaml", 'no "tiles"', ""),
+        ("[" * 100_000, "...map.yaml", "more", "nested"),
+        ("- " * 100_000, "...map.yaml", "more", "nested"),
+        ("[" + "a," * 1_400_000 + "]", "...map.yaml", "more", "values"),
+        (
+            "r: &r [" + "floor, " * 20_000 + "]\ntiles: [" + "*r, " * 20_000 + "]",
+            "...map.yaml: shape",
+            "20000 x 20000",
+            "1024",
+        ),
     ],
 )
-def test_bad_maps_are_named(text, message, tmp_path):
+def test_bad_maps_are_named(text, subject, got, expected, tmp_path):
     file = tmp_path / "map.yaml"
     file.write_text(text)
-    with pytest.raises(ValueError, match=f"map.yaml: .*{message}"):
+    with refused(subject, got, expected):
         read_map(file)
 
 
@@ -191,7 +197,7 @@ def test_one_merge_key_of_many_tables_is_refused_before_they_are_merged():
     keys = "".join(f"  k{index}: x\n" for index in range(20_000))
     text = f"a: &a\n{keys}b:\n  <<: [{'*a, ' * 20_000}]\ntiles: [[floor]]\n"
     start = time.process_time()
-    with pytest.raises(InputError, match="expected YAML of at most 1,310,720 values, got more"):
+    with refused("", "more", expected="values"):
         read_duckietown(text)
     assert time.process_time() - start < 5
 
@@ -199,7 +205,7 @@ def test_one_merge_key_of_many_tables_is_refused_before_they_are_merged():
 @pytest.mark.parametrize("escape", [r"\U00110000", r"\UFFFFFFFF"])
 def test_escapes_beyond_unicode_are_refused_without_libyaml_too(escape, monkeypatch):
     monkeypatch.delattr(yaml, "CSafeLoader")
-    with pytest.raises(InputError, match="expected readable YAML, got "):
+    with refused("", expected="readable"):
         read_duckietown(f'tiles: [["{escape}"]]')
 
 
@@ -211,7 +217,7 @@ def test_aliases_are_what_they_name_and_other_values_do_not_matter():
 def test_bad_settings_are_named():
     grid = [[6, 3], [12, 9]]
     for size in (0, 0.009, 101, True, "0.6", np.array([0.5, 0.6]), float("nan"), 1j, None):
-        with pytest.raises(InputError, match=r"tile_size: expected metres, a number from 0.01 to 100, got "):
+        with refused("tile_size", repr(size)):
             to_duckietown(grid, tile_size=size)
 
 

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from drive.driving_oracle import lane_graph as movement_graph
 from odd_names import ODD_NAMES, REFUSED
+from refusals import refused
 from scipy.ndimage import distance_transform_edt
 
-from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax import RoadMap
 from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_sight
 from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
@@ -74,7 +75,7 @@ def test_the_robot_starts_on_the_lanes_of_the_tile_set(tmp_path):
     theta = np.radians(float(body.get("euler").split()[2]))
     found = lane_pose(TOWN, Pose(*np.float32([x, len(TOWN) - y, theta])), lane_offset=0.25)
     assert found.found and abs(found.d) < 1e-4 and abs(found.phi) < 1e-4
-    with pytest.raises(InputError, match="lane_offset: expected tiles, a number over 0 and under"):
+    with refused("lane_offset", "0.5"):
         to_mjcf(TOWN, "town.png", lane_offset=0.5)
 
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from elitelanes_jax import InputError
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap, read_map
 from elitelanes_jax.formats.dt_maps import to_dt_maps, to_duckiematrix
 from elitelanes_jax.formats.duckietown import to_duckietown
@@ -53,25 +53,25 @@ def test_footprints_follow_the_height():
 
 
 @pytest.mark.parametrize(
-    ("objects", "words"),
+    ("objects", "subject", "got"),
     [
-        ({"kind": "duckie"}, "objects: expected a list"),
-        ([3], "objects: object 0: expected"),
-        ([{"kind": "dukie", "x": 0, "y": 0}], "kind: expected one of .*is it duckie"),
-        ([{"kind": "helicopter", "x": 0, "y": 0}], "got 'helicopter'; is it other:helicopter"),
-        ([OBJECTS[0], {"kind": "cone", "x": 3.1, "y": 0}], "object 1: x: expected tiles from -1 to 3, got 3.1"),
-        ([{"kind": "cone", "x": 10**309, "y": 0}], "object 0: x: expected tiles from -1 to 3, got 10000"),
-        ([{"kind": "cone", "x": 0}], "object 0: y: .*got None"),
-        ([{"kind": "cone", "x": 0, "y": 0, "size": 2}], "got 'size'"),
-        ([{"kind": "cone", "x": 0, "y": 0, "angle": float("nan")}], "angle: expected radians"),
-        ([{"kind": "cone", "x": 0, "y": 0, "height": 0}], "height: expected metres"),
-        ([{"kind": "sign_stop", "x": 0, "y": 0, "tag": 587}], "tag: .*0 to 586, got 587"),
-        ([{"kind": "duckie", "x": 0, "y": 0, "static": "no"}], "static: expected true or false"),
+        ({"kind": "duckie"}, "objects", "{'kind': 'duckie'}"),
+        ([3], "objects: object 0", "3"),
+        ([{"kind": "dukie", "x": 0, "y": 0}], "objects: object 0: kind", "'dukie'"),
+        ([{"kind": "helicopter", "x": 0, "y": 0}], "objects: object 0: kind", "'helicopter'"),
+        ([OBJECTS[0], {"kind": "cone", "x": 3.1, "y": 0}], "objects: object 1: x", "3.1"),
+        ([{"kind": "cone", "x": 10**309, "y": 0}], "objects: object 0: x", "1000000000000000000000000000000000000..."),
+        ([{"kind": "cone", "x": 0}], "objects: object 0: y", "None"),
+        ([{"kind": "cone", "x": 0, "y": 0, "size": 2}], "objects: object 0", "'size'"),
+        ([{"kind": "cone", "x": 0, "y": 0, "angle": float("nan")}], "objects: object 0: angle", "nan"),
+        ([{"kind": "cone", "x": 0, "y": 0, "height": 0}], "objects: object 0: height", "0"),
+        ([{"kind": "sign_stop", "x": 0, "y": 0, "tag": 587}], "objects: object 0: tag", "587"),
+        ([{"kind": "duckie", "x": 0, "y": 0, "static": "no"}], "objects: object 0: static", "'no'"),
     ],
 )
-def test_wrong_objects_are_named(objects, words):
+def test_wrong_objects_are_named(objects, subject, got):
     """One message names the object, its field, what was expected and what came."""
-    with pytest.raises(InputError, match=words):
+    with refused(subject, got):
         RoadMap(GRID, objects=objects)
 
 
@@ -134,26 +134,34 @@ def test_objects_as_far_outside_as_they_may_be_are_read_where_they_are_written(k
 
 
 @pytest.mark.parametrize(
-    ("objects", "words"),
+    ("objects", "subject", "got"),
     [
-        ("3", "objects: expected a list or a table of objects, got '3'"),
-        ("[3]", 'objects: 0: expected {"kind": ...}'),
-        ("[{kind: 'a dragon', pos: [1, 1]}]", "objects: 0: kind: expected one of .*got 'other:a dragon'"),
-        ("{a: {kind: duckie}}", "objects: a: expected a pose, pos, place or attach"),
-        ("[{kind: duckie, pos: [1]}]", "pos: expected two numbers"),
-        ("[{kind: duckie, pos: [1, x]}]", "pos: expected a number, got 'x'"),
-        ("[{kind: duckie, pos: [1, nan]}]", "pos: expected a number"),
-        ("[{kind: duckie, pos: [1, 1_0]}]", "pos: expected a number, got '1_0'"),
-        ("[{kind: duckie, pose: 3}]", "~SE2Transform: expected a table"),
-        ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 9}}]", "slot: expected a whole number, 0 to 7, got 9"),
-        ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 1e308}}]", r"slot: expected .*, 0 to 7, got \d{37}\.\.\.$"),
-        ("[{kind: floor_tag, pos: [1, 1], tag: {~TagInstance: {tag_id: 3.7}}}]", "tag_id: expected a whole number"),
-        ("[{kind: duckie, pos: [9, 1]}]", "x: expected tiles from -1 to 3, got 9"),
+        ("3", "...map.yaml: objects", "'3'"),
+        ("[3]", "...map.yaml: objects: 0", "'3'"),
+        ("[{kind: 'a dragon', pos: [1, 1]}]", "...map.yaml: objects: 0: kind", "'other:a dragon'"),
+        ("{a: {kind: duckie}}", "...map.yaml: objects: a", "none"),
+        ("[{kind: duckie, pos: [1]}]", "...map.yaml: objects: 0: pos", "['1']"),
+        ("[{kind: duckie, pos: [1, x]}]", "...map.yaml: objects: 0: pos", "'x'"),
+        ("[{kind: duckie, pos: [1, nan]}]", "...map.yaml: objects: 0: pos", "'nan'"),
+        ("[{kind: duckie, pos: [1, 1_0]}]", "...map.yaml: objects: 0: pos", "'1_0'"),
+        ("[{kind: duckie, pose: 3}]", "...map.yaml: objects: 0: ~SE2Transform", "None"),
+        ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 9}}]", "...map.yaml: objects: 0: slot", "9"),
+        (
+            "[{kind: sign_stop, attach: {tile: [1, 1], slot: 1e308}}]",
+            "...map.yaml: objects: 0: slot",
+            "1000000000000000010979063629440455417...",
+        ),
+        (
+            "[{kind: floor_tag, pos: [1, 1], tag: {~TagInstance: {tag_id: 3.7}}}]",
+            "...map.yaml: objects: 0: tag_id",
+            "3.7",
+        ),
+        ("[{kind: duckie, pos: [9, 1]}]", "...map.yaml: objects: object 0: x", "9.0"),
     ],
 )
-def test_objects_that_cannot_be_read_are_named(tmp_path, objects, words):
+def test_objects_that_cannot_be_read_are_named(tmp_path, objects, subject, got):
     """One message names the file, the object, and what was expected."""
     file = tmp_path / "map.yaml"
     file.write_text(f"tile_size: 0.5\n{TILES}objects: {objects}\n", encoding="utf-8")
-    with pytest.raises(InputError, match=f"map.yaml: .*{words}"):
+    with refused(subject, got):
         read_map(file)

@@ -8,9 +8,9 @@ import pytest
 from conftest import grids
 from hypothesis import assume, example, given, settings
 from oracle import road_graph
+from refusals import refused
 from simulator_maps import KNOT
 
-from elitelanes_jax import InputError
 from elitelanes_jax.drive import lane_nodes, movements
 from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.formats.movingai import to_movingai
@@ -43,9 +43,9 @@ def test_the_graph_of_lanes_is_that_of_the_drive_room(grid):
 
 
 def test_a_map_without_a_lane_is_refused():
-    with pytest.raises(InputError, match="expected a lane"):
+    with refused("grid", "none", expected="lane"):
         lane_graph([[4, 1], [0, 0]])
-    with pytest.raises(InputError, match="expected a road"):
+    with refused("grid", "none", expected="road"):
         to_movingai([[0, 0], [0, 0]], "town.map")
 
 
@@ -118,5 +118,5 @@ def test_cells_are_connected_as_tiles_are(grid):
 
 @pytest.mark.parametrize("name", [None, "", "a\tmap", "a\nmap"])
 def test_names_that_no_list_of_tasks_can_hold_are_refused(name):
-    with pytest.raises(InputError, match="name: expected"):
+    with refused("name", repr(name)):
         to_movingai(TOWN, name)

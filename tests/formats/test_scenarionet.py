@@ -7,8 +7,8 @@ import sys
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from elitelanes_jax import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.formats._traffic import CarSides, Log
@@ -194,14 +194,14 @@ def test_a_summary_may_be_beside_its_scenarios(tmp_path):
 def test_other_files_are_refused_and_run_no_code(content, tmp_path):
     file = tmp_path / "sd_other.pkl"
     file.write_bytes(content)
-    with pytest.raises(InputError, match=r"sd_other.pkl: expected a scenario of to_scenarionet"):
+    with refused(tmp_path / "sd_other.pkl", "another file"):
         index_scenarios(tmp_path, [file])
 
 
 def test_files_of_the_same_name_are_refused(tmp_path):
     file = tmp_path / "sd_ring.pkl"
     file.write_bytes(to_scenarionet(RING, "ring"))
-    with pytest.raises(InputError, match=r"files: expected files of different names, got two for sd_ring.pkl"):
+    with refused("files", "two for sd_ring.pkl"):
         index_scenarios(tmp_path, [file, file])
 
 
@@ -212,5 +212,5 @@ def test_other_seeds_have_other_cars():
 
 @pytest.mark.parametrize("grid", [[[2, 0], [8, 0]], [[0, 0], [0, 0]]])
 def test_a_map_without_a_lane_is_refused(grid):
-    with pytest.raises(InputError, match="expected a"):
+    with refused("grid", "none"):
         to_scenarionet(RoadMap(np.array(grid, np.int8)), "map")

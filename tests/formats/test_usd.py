@@ -6,9 +6,10 @@ from math import cos, degrees, sin
 import numpy as np
 import pytest
 from odd_names import ODD_NAMES, REFUSED
+from refusals import refused
 from test_floor import TOWN, city
 
-from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax import RoadMap
 from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.usd import to_usd
 from elitelanes_jax.maps import furnish
@@ -25,11 +26,11 @@ OBJECTS = [
 
 
 def test_bad_values_are_named():
-    for arguments, message in (
-        (((3, 3), "a@b.png"), "name: expected a name without @"),
-        (((3, 3), "town.png", 0), "tile_size: expected metres"),
+    for arguments, subject, got, expected in (
+        (((3, 3), "a@b.png"), "name", "'a@b.png'", "without"),
+        (((3, 3), "town.png", 0), "tile_size", "0", ""),
     ):
-        with pytest.raises(InputError, match=message):
+        with refused(subject, got, expected):
             to_usd(*arguments)
 
 

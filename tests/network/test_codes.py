@@ -3,8 +3,9 @@
 import jax
 import numpy as np
 import pytest
+from refusals import refused
 
-from elitelanes_jax import InputError, random_grids
+from elitelanes_jax import random_grids
 from elitelanes_jax.network.checks import check_grid, check_shape
 from elitelanes_jax.network.codes import (
     CONNECTIONS,
@@ -49,9 +50,9 @@ def test_alphabets():
         ([-1], "-1"),
         ([1.5], "1.5"),
         (["road"], "'road'"),
-        ([[3], [5, 6]], r"\[\[3\]"),
+        ([[3], [5, 6]], "[[3], [5, 6]]"),
     ):
-        with pytest.raises(ValueError, match=f"alphabet: expected tile codes, whole numbers 0 to 15, got {got}"):
+        with refused("alphabet", got):
             check_alphabet(wrong)
 
 
@@ -73,7 +74,7 @@ def test_a_random_grid_does_not_depend_on_how_many_there_are():
     assert set(np.unique(many)) == {3, 9}
     assert random_grids(key, 0).shape == (0, 12, 12)
     assert random_grids(key, 3, (1, 4)).shape == (3, 1, 4)
-    with pytest.raises(InputError, match="count: expected a whole number, 0 or more, got -1"):
+    with refused("count", "-1"):
         random_grids(key, -1)
 
 
@@ -85,13 +86,13 @@ def test_a_random_grid_does_not_depend_on_how_many_there_are():
     ],
 )
 def test_bad_shapes_are_refused(shape):
-    with pytest.raises(ValueError, match="shape: expected"):
+    with refused("shape"):
         check_shape(shape)
 
 
 def test_new_maps_are_at_least_two_by_two():
     assert check_shape((1, 5)) == (1, 5)
-    with pytest.raises(InputError, match="shape: expected sides from 2 to 1024 for new maps, got 1 x 5"):
+    with refused("shape", "1 x 5", expected="new maps"):
         check_shape((1, 5), new=True)
 
 

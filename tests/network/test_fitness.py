@@ -3,9 +3,9 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
+from refusals import refused
 
-from elitelanes_jax import InputError, Metrics, Weights, fitness, measure
+from elitelanes_jax import Metrics, Weights, fitness, measure
 from elitelanes_jax.network.records import check_weights, largest_metrics
 
 
@@ -35,15 +35,15 @@ def test_the_empty_grid_gets_no_bonus_for_having_no_component():
 
 def test_checked_weights():
     assert check_weights(Weights(bridges=np.int64(5)), (12, 12)) == Weights(bridges=5)
-    for wrong, message in (
-        (Weights(bridges=0.5), "weights: expected whole numbers, got bridges=0.5"),
-        (Weights(tiles=float("nan")), "weights: expected whole numbers, got tiles=nan"),
-        (Weights(tiles="many"), "weights: expected whole numbers, got tiles='many'"),
-        (Weights(edges=True), "weights: expected whole numbers, got edges=True"),
-        (Weights(dead_ends=2 * 10**7), "weights: expected a fitness within int32 for every grid of 12 x 12"),
-        ({"bridges": 1}, "weights: expected Weights, got dict"),
+    for wrong, got in (
+        (Weights(bridges=0.5), "bridges=0.5"),
+        (Weights(tiles=float("nan")), "tiles=nan"),
+        (Weights(tiles="many"), "tiles='many'"),
+        (Weights(edges=True), "edges=True"),
+        (Weights(dead_ends=2 * 10**7), "weights with which it might reach ..."),
+        ({"bridges": 1}, "dict"),
     ):
-        with pytest.raises(ValueError, match=message):
+        with refused("weights", got):
             check_weights(wrong, (12, 12))
 
 
@@ -58,7 +58,7 @@ def test_the_bound_on_the_fitness_holds():
         assert 0 <= values.min() <= values.max() <= bound, name
         most = (2**31 - 1) // bound
         check_weights(nothing._replace(**{name: -most}), (4, 9))
-        with pytest.raises(InputError, match="got weights with which it might reach"):
+        with refused("weights", "weights with which it might reach 2,147,483,..."):
             check_weights(nothing._replace(**{name: most + 1}), (4, 9))
 
 
@@ -68,7 +68,7 @@ def test_a_sum_over_32_bits_is_refused():
     assert fitness(metrics, Weights(tiles=2**20)).dtype == jnp.int32
     for weight in (2**30, -(2**30), np.array([1, 2, 2**30])):
         worst = (tiles * weight)[np.abs(tiles * weight) >= 2**31][0]
-        with pytest.raises(InputError, match="weights: expected a fitness within int32, got ") as error:
+        with refused("weights", "...31,138,512,896") as error:
             fitness(metrics, Weights(**dict.fromkeys(Weights._fields, 0))._replace(tiles=weight))
         assert str(error.value).endswith(f"{worst:,}")
 
@@ -76,9 +76,9 @@ def test_a_sum_over_32_bits_is_refused():
 def test_weights_that_are_not_integers_are_refused():
     metrics = some_metrics(3)
     for weight in (2**40, np.int64(2**32), np.array([0, -(2**31) - 1, 0])):
-        with pytest.raises(InputError, match="weights: expected integers of 32 bits, got bridges="):
+        with refused("weights", "bridges=...", expected="32 bits"):
             fitness(metrics, Weights(bridges=weight))
     for weight in (0.5, np.float32(2), jnp.array(1.0), True, "many"):
-        with pytest.raises(InputError, match="weights: expected integers, got bridges of type"):
+        with refused("weights", "bridges of type ..."):
             fitness(metrics, Weights(bridges=weight))
     assert fitness(metrics, Weights(bridges=np.int8(3), edges=jnp.uint8(4))).dtype == jnp.int32

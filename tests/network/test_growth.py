@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 from oracle import measure as oracle
+from refusals import refused
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.growth import _draw, grow_town
 from elitelanes_jax.network.plain_metrics import plain_measure
 
@@ -51,5 +51,5 @@ def test_each_possible_cell_is_drawn_in_its_turn():
 
 
 def test_a_ring_needs_three_tiles():
-    with pytest.raises(InputError, match=r"shape: expected sides of at least 3 for a town to grow, got \(2, 5\)"):
+    with refused("shape", "(2, 5)", expected="at least 3"):
         grow_town(jax.random.key(0), (2, 5))

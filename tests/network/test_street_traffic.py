@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from gridlock_oracle import gamma
 from gridlock_oracle import gridlock_potential as slow_potential
+from refusals import refused
 from sparse_towns import sparse_towns
 
-from elitelanes_jax import InputError
 from elitelanes_jax.network import gridlock_gamma, gridlock_potential
 
 many_gammas = jax.jit(jax.vmap(gridlock_gamma))
@@ -70,9 +70,9 @@ def test_a_map_without_crossings_has_no_streets():
 
 
 def test_large_maps_and_wrong_tiles_are_refused():
-    with pytest.raises(InputError, match=r"^codes: expected sides of at most 32 for streets, got \(33, 2\)"):
+    with refused("codes", "(33, 2)", expected="at most 32"):
         gridlock_gamma(np.zeros((33, 2), np.int8))
-    with pytest.raises(InputError, match="^tile_size: expected metres, 15 to 100, got 14"):
+    with refused("tile_size", "14"):
         gridlock_potential(np.zeros((3, 2), np.int8), 3, tile_size=14)
-    with pytest.raises(InputError, match="^codes: expected integer tile codes, got float64"):
+    with refused("codes", "float64"):
         gridlock_gamma(np.zeros((3, 2)))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from oracle import OPPOSITE, STEPS
 from oracle import measure as oracle
+from refusals import refused
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import CONNECTIONS, CROSSINGS, ROAD_ALPHABET
 from elitelanes_jax.network.wfc import generate_batch
 
@@ -182,18 +182,18 @@ def test_the_papers_figures():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "subject", "got", "expected"),
     [
-        ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024 for new maps, got 1 x 5"),
-        ({"alphabet": [3, 16]}, "alphabet: expected tile codes"),
-        ({"border": "ajar"}, "border: expected 'open' or 'closed', got 'ajar'"),
-        ({"attempts": 0}, "attempts: expected a whole number, 1 or more, got 0"),
-        ({"n": 0}, "n: expected a whole number, 1 or more, got 0"),
-        ({"rng": 3}, "rng: expected a numpy.random.Generator, got int"),
-        ({"crossing_ban": "no"}, "crossing_ban: expected True or False, got 'no'"),
+        ({"shape": (1, 5)}, "shape", "1 x 5", "new maps"),
+        ({"alphabet": [3, 16]}, "alphabet", "16", ""),
+        ({"border": "ajar"}, "border", "'ajar'", ""),
+        ({"attempts": 0}, "attempts", "0", ""),
+        ({"n": 0}, "n", "0", ""),
+        ({"rng": 3}, "rng", "int", ""),
+        ({"crossing_ban": "no"}, "crossing_ban", "'no'", ""),
     ],
 )
-def test_bad_arguments_are_named(any_types, change, message):
+def test_bad_arguments_are_named(any_types, change, subject, got, expected):
     arguments = {"rng": np.random.default_rng(0), "n": 2} | change
-    with pytest.raises(InputError, match=message):
+    with refused(subject, got, expected):
         generate_batch(**arguments)

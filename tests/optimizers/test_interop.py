@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from oracle import measure as oracle
+from refusals import refused
 
-from elitelanes_jax import Axis, InputError, random_grids, repair, road_problem
+from elitelanes_jax import Axis, random_grids, repair, road_problem
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.optimizers import MoveWeights
 from elitelanes_jax.optimizers.interop import (
@@ -68,9 +69,9 @@ def test_qdax_scores_are_ours(problem, grids, evaluate):
     expected = niche_index(compute_descriptor(features, METRIC_NAMES, AXES), AXES)
     assert len(set(np.asarray(expected).tolist())) > 5
     np.testing.assert_array_equal(nearest(qdax_centroids(AXES), descriptor), expected)
-    with pytest.raises(InputError, match=rf"genotypes: expected int8 grids \[B, 5, 6\], got int8 \({COUNT}, 6, 5\)"):
+    with refused("genotypes", f"int8 ({COUNT}, 6, 5)"):
         score(grids.transpose(0, 2, 1), jax.random.key(0))
-    with pytest.raises(InputError, match="got float32"):
+    with refused("genotypes", "float32 (24, 5, 6)"):
         score(grids.astype(jnp.float32), jax.random.key(0))
 
 
@@ -84,12 +85,12 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
     np.testing.assert_array_equal(mutate(grids, key), vary(grids, grids, key))
     assert (children != grids).any(axis=(1, 2)).sum() > COUNT / 2
     assert (children != mutate(grids, key)).any(), "it takes parts of the mates"
-    with pytest.raises(InputError, match=r"corner: expected a whole number, 0 or more, got -1"):
+    with refused("corner", "-1"):
         qdax_moves(problem, MoveWeights(corner=-1))
     for wrong in (grids[:, :4], grids.astype(jnp.int32)):
-        with pytest.raises(InputError, match=r"genotypes: expected int8 grids \[B, 5, 6\]"):
+        with refused("genotypes", expected="[B, 5, 6]"):
             mutate(wrong, key)
-        with pytest.raises(InputError, match=r"genotypes: expected int8 grids \[B, 5, 6\]"):
+        with refused("genotypes", expected="[B, 5, 6]"):
             vary(grids, wrong, key)
 
 
@@ -112,7 +113,7 @@ def test_evosax_decodes_the_largest_logit_and_minimises_ours(problem, evaluate):
     np.testing.assert_array_equal(
         task.decode(np.zeros(330, np.float32)), problem.repair_raster(jnp.full(SHAPE, 3, jnp.int8))
     )
-    with pytest.raises(InputError, match=r"solution: expected logits \[330\], got shape \(329,\)"):
+    with refused("solution", "shape (329,)", expected="330"):
         task.eval(jax.random.key(0), solutions[:, 1:], state)
 
 
@@ -169,14 +170,14 @@ def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
     assert objective.dtype == measures.dtype == np.float64
     np.testing.assert_array_equal(-objective, scored)
     np.testing.assert_array_equal(measures, compute_descriptor(features, METRIC_NAMES, AXES))
-    for solutions, message in (
-        (flat[:, 1:], rf"expected numbers \[B, 30\], got int8 \({COUNT}, 29\)"),
-        (flat[0], r"got int8 \(30,\)"),
-        ([[1] * 30, [2] * 29], r"expected numbers \[B, 30\], got .* inhomogeneous"),
-        (np.full((1, 30), np.nan), "expected finite numbers"),
-        (np.full((1, 30), 16), "expected tile codes 0 to 15, got 16 to 16"),
+    for solutions, got, expected in (
+        (flat[:, 1:], f"int8 ({COUNT}, 29)", "[B, 30]"),
+        (flat[0], "int8 (30,)", "[B, 30]"),
+        ([[1] * 30, [2] * 29], "... inhomogeneous ...", "[B, 30]"),
+        (np.full((1, 30), np.nan), None, "finite"),
+        (np.full((1, 30), 16), "16 to 16", "codes"),
     ):
-        with pytest.raises(InputError, match=f"solutions: .*{message}"):
+        with refused("solutions", got, expected):
             score(solutions)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from oracle import measure as oracle
 from oracle import road_graph
+from refusals import refused
 
-from elitelanes_jax import InputError
 from elitelanes_jax.network import mirror, repair, rotate
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.network.codes import CONNECTIONS
@@ -321,11 +321,11 @@ def test_a_mix_of_one_move_is_that_move():
 def test_a_move_takes_its_own_number_of_bits(move):
     grid = network((5, 5))
     for bits in (jnp.zeros(move.bits - 1, jnp.uint32), jnp.zeros(move.bits, jnp.int32)):
-        with pytest.raises(InputError, match=rf"^bits: expected uint32 \[{move.bits}\], got {bits.dtype} \["):
+        with refused("bits", f"{bits.dtype} [{bits.size}]", expected=f"uint32 [{move.bits}]"):
             move.apply(bits, grid)
 
 
 def test_a_mate_has_the_shape_of_the_grid():
     move = make_move("transplant")
-    with pytest.raises(InputError, match=r"^mate: expected int8 \[5, 5\], got int8 \[4, 4\]"):
+    with refused("mate", "int8 [4, 4]"):
         move.apply(jnp.zeros(move.bits, jnp.uint32), network((5, 5)), network((4, 4)))

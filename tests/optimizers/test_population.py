@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from refusals import refused
 
 from elitelanes_jax import (
     Axis,
-    InputError,
     Problem,
     annealed_map_elites,
     gwo,
@@ -92,7 +92,10 @@ def test_numbers_that_do_not_fit_32_bits_are_refused():
 @pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize(
     ("repaired", "got"),
-    [(lambda grid: grid.T, r"int8 \[[0-9]+, 3, 2\]"), (lambda grid: grid.astype(jnp.float32), "float32")],
+    [
+        (lambda grid: grid.T, "int8 [..., 3, 2]"),
+        (lambda grid: grid.astype(jnp.float32), "float32 [..., 2, 3]"),
+    ],
 )
 @pytest.mark.parametrize("make", [map_elites, annealed_map_elites, pso, gwo])
 def test_a_repair_that_returns_no_grids_is_one_line(repaired, got, make):
@@ -103,7 +106,7 @@ def test_a_repair_that_returns_no_grids_is_one_line(repaired, got, make):
     problem = Problem(
         (2, 3), count, ("sum",), (Axis("sum", 4, 4),), repair=lambda grid, dirty=None, raster=False: repaired(grid)
     )
-    with pytest.raises(InputError, match=rf"grids: expected int8 \[P, 2, 3\], got {got}"):
+    with refused("grids", got, expected="[P, 2, 3]"):
         jax.eval_shape(lambda keys: run(make(problem), keys, 2), seed_keys(0, 2))
 
 

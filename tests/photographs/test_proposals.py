@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import photographed
 import pytest
+from refusals import refused
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
@@ -72,7 +73,7 @@ def test_a_wrong_size_and_noise_are_refused(shot):
     assert score_of(shot, (2, 4)) < SURE
     noise = np.random.default_rng(0).integers(0, 255, (300, 400, 3)).astype(np.uint8)
     assert score_of(Photograph("noise", noise), (1, 1)) < SURE
-    with pytest.raises(InputError, match="wall: expected tiles that stand out from the floor, got none"):
+    with refused("wall", "none"):
         propose_tiles(Photograph("wall", np.full((300, 400, 3), 128, np.uint8)))
 
 
@@ -240,24 +241,27 @@ def test_a_floor_as_dark_as_asphalt_needs_exact_corners():
 
 
 @pytest.mark.parametrize(
-    ("corners", "message"),
+    ("corners", "got", "expected"),
     [
-        ([[0, 0], [300, 300], [300, 0], [0, 300]], "lines that cross"),
-        ([[0, 0], [0, 300], [300, 300], [300, 0]], "counter-clockwise"),
-        ([[0, 0], [3000, 0], [300, 300], [0, 300]], "points in the photograph, 800 x 640 pixels"),
-        ([[0, 0], [300, 0], [300, 300]], "four points"),
-        ([[0, 0], [300, 0], [300, np.nan], [0, 300]], r"corners: expected finite numbers, got .* \[300.0, nan\]"),
+        ([[0, 0], [300, 300], [300, 0], [0, 300]], "lines that cross", ""),
+        ([[0, 0], [0, 300], [300, 300], [300, 0]], "them counter-clockwise", ""),
+        (
+            [[0, 0], [3000, 0], [300, 300], [0, 300]],
+            "[[0.0, 0.0], [3000.0, 0.0], ...",
+            "800 x 640",
+        ),
+        ([[0, 0], [300, 0], [300, 300]], "[3, 2]", ""),
+        ([[0, 0], [300, 0], [300, np.nan], [0, 300]], "...[300.0, nan]...", ""),
     ],
 )
-def test_bad_corners_are_named(shot, corners, message):
-    with pytest.raises(InputError, match=message):
+def test_bad_corners_are_named(shot, corners, got, expected):
+    with refused("floor: corners", got, expected):
         propose_tiles(shot, corners=np.array(corners))
 
 
 def test_the_size_of_a_photograph_that_was_shrunk_is_explained(shot):
     """Corners are in pixels of the file for the command, whose message had another size without a word."""
-    message = "expected points in the photograph, 800 x 640 pixels at 1/2 of the file's size, got"
-    with pytest.raises(InputError, match=message):
+    with refused("floor: corners", expected="800 x 640 pixels at 1/2"):
         propose_tiles(shot._replace(name="floor", shrunk=2), shape=(3, 3), corners=CORNERS + 9999)
 
 
@@ -267,8 +271,7 @@ def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix
     picture = photographed.photograph(TOWN)
     assert cv2.imwrite(str(file), cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
     grey = Photograph.read(file)
-    message = f"floor{suffix}: expected a photograph in colours, .* got a grey one"
-    with pytest.raises(InputError, match=message):
+    with refused(file, "a grey one"):
         propose_tiles(grey, shape=TOWN.shape)
     assert main(["tiles", "read", str(file), "--size", *map(str, TOWN.shape)]) == 2
     np.testing.assert_array_equal(propose_tiles(grey, codes=TOWN).codes, TOWN)  # a map tells its kinds

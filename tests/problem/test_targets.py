@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from elitelanes_jax import InputError, SearchSpec
+from elitelanes_jax import SearchSpec
 from elitelanes_jax.problem.targets import ExampleValues, SupportPoints, parse_targets
 from elitelanes_jax.search.resolve import resolve, search_from_plain
 
@@ -23,28 +24,33 @@ def test_targets_are_read_from_mappings_and_pairs_alike():
 
 
 @pytest.mark.parametrize(
-    ("targets", "message"),
+    ("targets", "subject", "got", "expected"),
     [
-        (3, "targets: expected features with their values, got 3"),
-        ("turns", "targets: expected features with their values, got 'turns'"),
-        ([3], "targets: expected a feature with its values, got 3"),
-        ({"turns": 3}, "targets: expected a feature with its values"),
-        ({"turn": [3]}, "is it turns?"),
-        ({"turns": []}, "targets: turns: expected at least one value, got none"),
-        ({"turns": ["x"]}, "targets: turns: expected a number, 0 to 1.07374e+09, got 'x'"),
-        ({"turns": [float("nan")]}, "targets: turns: expected a number, 0 to 1.07374e+09, got nan"),
-        ({"turn_share": [1.5]}, "targets: turn_share: expected a number, 0 to 1, got 1.5"),
+        (3, "targets", "3", "features"),
+        ("turns", "targets", "'turns'", "features"),
+        ([3], "targets", "3", "a feature"),
+        ({"turns": 3}, "targets", "('turns', 3)", "a feature"),
+        ({"turns": []}, "targets: turns", "none", "one value"),
+        ({"turns": ["x"]}, "targets: turns", "'x'", "number"),
+        ({"turns": [float("nan")]}, "targets: turns", "nan", "number"),
+        ({"turn_share": [1.5]}, "targets: turn_share", "1.5", "0 to 1"),
         (
             {"turns": [1, 2], "tiles": [3]},
-            "targets: expected the same number of values of each feature, got turns 2, tiles 1",
+            "targets",
+            "turns 2, tiles 1",
+            "the same number",
         ),
-        ([("turns", [1]), ("turns", [2])], "targets: expected each feature once, got turns 2 times"),
+        ([("turns", [1]), ("turns", [2])], "targets", "turns 2 times", "once"),
     ],
 )
-def test_wrong_targets_are_named(targets, message):
-    with pytest.raises(InputError) as caught:
+def test_wrong_targets_are_named(targets, subject, got, expected):
+    with refused(subject, got, expected):
         SearchSpec(targets=targets)
-    assert message in str(caught.value)
+
+
+def test_the_name_of_a_target_is_suggested():
+    with refused("targets", "'turn'", hint="is it turns?"):
+        SearchSpec(targets={"turn": [3]})
 
 
 def test_targets_give_way_to_axes():

@@ -12,6 +12,7 @@ import pytest
 from certified import evolve
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from refusals import refused
 
 from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea
 from elitelanes_jax._util.npz import npz_bytes, read_npz
@@ -65,7 +66,7 @@ def test_without_the_state_equal_searches_give_equal_bytes(result, tmp_path):
     kept = Result.load(tmp_path / "0.npz")
     chex.assert_trees_all_equal(kept.elites, result.elites)
     assert np.isnan(kept.history.evaluations_per_second).all()
-    with pytest.raises(InputError, match="got that of a result that was joined or saved without its state"):
+    with refused("state", "that of a result that was joined or saved without its state"):
         evolve(KEYS, SHAPE, spec=result.search.to_spec(), state=kept.state)
 
 
@@ -83,7 +84,7 @@ def test_a_state_of_ones_own_is_saved_and_one_with_keys_refused(tmp_path):
     arrays = evolve(KEYS, (3, 4), optimizer=counting, generations=0)
     arrays.save(tmp_path / "arrays.npz")
     same(Result.load(tmp_path / "arrays.npz"), arrays)
-    with pytest.raises(InputError, match=r"state: expected arrays of NumPy's numbers, to be saved, got key<fry>"):
+    with refused("state", "key<fry>"):
         replace(arrays, state=arrays.state._replace(inner=(KEYS,))).save(tmp_path / "keys.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["arrays.npz"]
 
@@ -127,10 +128,10 @@ def test_a_result_says_what_made_it(made_by, method, preset, tmp_path, capsys):
     again = evolve(KEYS, spec=kept.search.to_spec(), config=kept.config, optimizer=made_by.get("optimizer"), **options)
     same(again, result)
     if method == "custom":
-        with pytest.raises(InputError, match="method: expected one of map-elites, .*optimizer, got 'custom'"):
+        with refused("method", "'custom'"):
             evolve(KEYS, spec=kept.search.to_spec(), **options)
     elif preset == "custom":
-        with pytest.raises(InputError, match="preset: expected one of tuned, .*config, got 'custom'"):
+        with refused("preset", "'custom'"):
             evolve(KEYS, spec=kept.search.to_spec(), **options)
         assert evolve(KEYS, spec=kept.search.to_spec(), preset="paper", **options).search.settings.preset == "paper"
 
@@ -204,36 +205,43 @@ def changed(file, **changes):
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "got"),
     [
         (
             {"format": "elitelanes result, version 2"},
-            "one of the format 'elitelanes result, version 2', not 'elitelanes",
+            "one of the format 'elitelanes result...version 1'",
         ),
         ({"format": None}, "a file without options"),
-        ({"search": {"method": "luck"}}, "a file with wrong options: search: expected all options"),
-        ({"search": plain_spec(SearchSpec()) | {"method": "luck"}}, ".* method: expected one of map-elites"),
-        ({"config": config_to_plain(MapElitesConfig())}, ".* config: expected one of ea, got MapElitesConfig"),
-        ({"config": {"kind": "EvolutionConfig", "population": 3}}, ".* config: expected population, offspring"),
-        ({"search": plain_spec(SearchSpec()) | {"like": ["\ud800"]}}, r".* like: file: expected a path, got '\\ud800'"),
-        ({"axes": "luck"}, "a file with wrong options: axes"),
+        ({"search": {"method": "luck"}}, "a file with wrong options: search...got {'method': 'luck'}"),
+        ({"search": plain_spec(SearchSpec()) | {"method": "luck"}}, "a file with wrong options: method...got 'luck'"),
+        ({"config": config_to_plain(MapElitesConfig())}, "a file with wrong options: config...got MapElitesConfig"),
+        (
+            {"config": {"kind": "EvolutionConfig", "population": 3}},
+            "a file with wrong options: config...got {'population': 3}",
+        ),
+        (
+            {"search": plain_spec(SearchSpec()) | {"like": ["\ud800"]}},
+            "a file with wrong options: like: file...got '\\ud800'",
+        ),
+        ({"axes": "luck"}, "a file with wrong options: axes 'luck':...1 or more"),
         ({"grids": None}, "a file without grids"),
-        ({"fitness": np.zeros(3, np.int32)}, r"fitness of int32 \(3,\), which does not fit"),
-        ({"history__best_fitness": np.zeros((3, 6), np.int32)}, r"history.best_fitness of int32 \(3, 6\)"),
+        ({"fitness": np.zeros(3, np.int32)}, "fitness of int32 (3,), which does not fit the other arrays"),
+        ({"history__best_fitness": np.zeros((3, 6), np.int32)}, "history.best_fitness of int32 (3, 6)...other arrays"),
         ({"state__inner.0": None}, "a file with an incomplete state"),
         ({"state__generation": None}, "a file with an incomplete state"),
         ({"state__generation": np.array("a")}, "a file with an incomplete state"),
-        ({"config": config_to_plain(AnnealingConfig()) | {"moves": [1]}}, ".* config: expected link, corner"),
+        (
+            {"config": config_to_plain(AnnealingConfig()) | {"moves": [1]}},
+            "a file with wrong options: config...got [1]",
+        ),
         ({"luck": np.zeros(2)}, "a file with luck, which no result has"),
     ],
 )
-def test_a_file_that_is_no_result_is_refused_in_one_line(result, tmp_path, changes, message):
+def test_a_file_that_is_no_result_is_refused_in_one_line(result, tmp_path, changes, got):
     file = tmp_path / "result.npz"
     result.save(file)
     file.write_bytes(changed(file, **changes))
-    with pytest.raises(
-        InputError, match=f"result.npz: expected a result, of generate or Result.save, got {message}"
-    ) as caught:
+    with refused(tmp_path / "result.npz", got) as caught:
         Result.load(file)
     assert "\n" not in str(caught.value)
 
@@ -250,7 +258,7 @@ def test_each_grid_is_checked(result, monkeypatch):
     for place in np.argwhere(result.elites.valid)[:5].tolist():
         grids = np.array(result.elites.grids)
         grids[*place] ^= 15
-        with pytest.raises(InputError, match="^expected metrics of its grids, got "):
+        with refused("", "... instead of ...", expected="metrics of its grids"):
             check_metrics(result.elites._replace(grids=grids))
 
 
@@ -266,10 +274,10 @@ def test_grids_that_were_changed_are_refused(result, tmp_path):
     share[*first] = np.nan
     for changes in ({"grids": grids}, {"metrics__coverage": share}):
         file.write_bytes(changed(whole, **changes))
-        with pytest.raises(InputError, match="changed.npz: expected metrics of its grids, got "):
+        with refused(tmp_path / "changed.npz", expected="metrics of its grids"):
             Result.load(file)
     elites = result.elites._replace(grids=jnp.asarray(result.elites.grids) ^ 15)
-    with pytest.raises(InputError, match="elites: expected metrics of its grids, got "):
+    with refused("elites", "... instead of ...", expected="metrics of its grids"):
         replace(result, elites=elites).maps(1)
     # What a vacant slot has does not matter.
     grids = arrays["grids"].copy()
@@ -280,14 +288,14 @@ def test_grids_that_were_changed_are_refused(result, tmp_path):
 
 def test_files_of_other_kinds_are_refused(tmp_path):
     file = tmp_path / "result.npz"
-    with pytest.raises(InputError, match=r"result.npz: no such file or directory"):
+    with refused(tmp_path / "result.npz", "no such file or directory"):
         Result.load(file)
     file.write_text('{"codes": [[6, 3], [12, 9]]}')
-    with pytest.raises(InputError, match="result.npz: expected NumPy's .npz, got a file that cannot be read as such"):
+    with refused(tmp_path / "result.npz", "a file that cannot be read as such: no archive of arrays"):
         Result.load(file)
     with file.open("wb") as stream:
         np.save(stream, np.zeros(3))
-    with pytest.raises(InputError, match="got a file that cannot be read as such: no archive of arrays"):
+    with refused(tmp_path / "result.npz", "a file that cannot be read as such: no archive of arrays"):
         Result.load(file)
 
 
@@ -298,7 +306,7 @@ def test_nothing_pickled_is_run(tmp_path):
 
     with (tmp_path / "result.npz").open("wb") as stream:
         np.savez(stream, grids=np.array([Harm()], object))
-    with pytest.raises(InputError, match="a file that cannot be read as such: Object arrays cannot be loaded"):
+    with refused(tmp_path / "result.npz", "a file that cannot be read as such: Object arrays cannot be loaded..."):
         Result.load(tmp_path / "result.npz")
     assert not (tmp_path / "harm").exists()
 

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from certified import evolve, same
 from oracle import measure as oracle
+from refusals import refused
 
-from elitelanes_jax import Axis, GenerateSpec, InputError, Optimizer, SearchSpec, Weights, ea, fitness
+from elitelanes_jax import Axis, GenerateSpec, Optimizer, SearchSpec, Weights, ea, fitness
 from elitelanes_jax.optimizers import PRESETS, EvolutionConfig, Info, MapElitesConfig, seed_keys
 from elitelanes_jax.search.records import RunState
 from elitelanes_jax.search.resolve import resolve
@@ -155,34 +156,45 @@ def test_an_optimizer_of_ones_own():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "subject", "got", "expected"),
     [
-        ({"init": lambda key: ()}, r"an init that returns a pytree of arrays, got \(\)"),
-        ({"step": lambda key, state: (state, (3, 4))}, r"that returns \(state, Info\), got \(Population, tuple\)"),
-        ({"step": lambda key, state: None}, r"a step that returns \(state, Info\), got None"),
-        ({"step": lambda key, state: ((state.grids,), Info(3, 4))}, r"its state: Error in tree structs equality check"),
+        ({"init": lambda key: ()}, "optimizer", "()", ""),
+        ({"step": lambda key, state: (state, (3, 4))}, "optimizer", "(Population, tuple)", ""),
+        ({"step": lambda key, state: None}, "optimizer", "None", ""),
+        (
+            {"step": lambda key, state: ((state.grids,), Info(3, 4))},
+            "optimizer: ...",
+            "Error in tree structs...",
+            "",
+        ),
         (
             {"step": lambda key, state: (state._replace(grids=state.grids[1:]), Info(3, 4))},
-            r"leaves 'grids': expected int8 \[4, 3, 4\], got int8 \[3, 3, 4\]",
+            "optimizer: ...",
+            "Trees 0 and 1 differ in leaves 'grids'...",
+            "",
         ),
-        ({"step": lambda key, state: (state, Info(state.fitness, 4))}, r"scalars, got best_fitness of shape \(4,\)"),
-        ({"elites": lambda state: state.grids}, "elites: expected Population, got"),
+        ({"step": lambda key, state: (state, Info(state.fitness, 4))}, "optimizer", "best_fitness of shape (4,)", ""),
+        ({"elites": lambda state: state.grids}, "optimizer: elites", None, "Population"),
         (
             {"elites": lambda state: state._replace(features=state.features[:, :5])},
-            r"elites: features: expected int32 \[4, 19\], got int32 \[4, 5\]",
+            "optimizer: elites: features",
+            "int32 [4, 5]",
+            "",
         ),
         (
             {"elites": lambda state: state._replace(fitness=state.fitness.astype(jnp.float16))},
-            r"elites: fitness: expected int32 or float32 \[4\], got float16 \[4\]",
+            "optimizer: elites: fitness",
+            "float16 [4]",
+            "",
         ),
     ],
 )
-def test_a_wrong_part_of_ones_own_optimizer_is_named(change, message):
+def test_a_wrong_part_of_ones_own_optimizer_is_named(change, subject, got, expected):
     def make(problem):
         return ea(problem, EvolutionConfig(population=4, offspring=4))._replace(init_unevaluated=None, **change)
 
     for key in (KEY, jax.random.split(KEY, 2)):
-        with pytest.raises(InputError, match=f"^optimizer: .*{message}"):
+        with refused(subject, got, expected):
             evolve(key, (3, 4), optimizer=make, evaluations=40)
 
 
@@ -215,7 +227,7 @@ def test_functions_need_a_hash():
         def __call__(self, usual):
             return usual * self.factor
 
-    with pytest.raises(InputError, match=r"^fitness: expected a function with a hash, got .*Scaled\(factor=2\)$"):
+    with refused("fitness", "...Scaled(factor=2)"):
         evolve(0, (3, 4), generations=1, fitness=Scaled())
 
 
@@ -320,47 +332,56 @@ def test_progress_is_shown_when_asked_for(capsys):
 @pytest.mark.parametrize("transform", [jax.jit, jax.vmap])
 def test_a_search_inside_a_transformation_is_refused_with_what_to_do(transform):
     keys = jax.random.split(KEY, 2)
-    with pytest.raises(InputError, match="key: expected a key outside jax.jit and jax.vmap, .* optimizers.run"):
+    with refused("key", "a traced one"):
         transform(lambda key: evolve(key, SHAPE, generations=1).best())(keys)
 
 
 @pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "subject", "got", "expected"),
     [
-        ({"key": "3"}, "key: expected a whole number, a jax.random.key or an array of them, got '3'"),
-        ({"key": [0] * 1000}, r"key: expected a whole number, .*, got \[0, 0.{,80}\.\.\.$"),
-        ({"devices": [0] * 1000}, r"devices: expected JAX's devices, .*, got \[0, 0.{,80}\.\.\.$"),
-        ({"size": (5, 6)}, r"size: expected it as shape=\(5, 6\), got size="),
-        ({"seed": 3}, "seed: expected it as key=3, got seed="),
-        ({"key": 1, "seeds": 0}, "seeds: expected a whole number, 1 to 1000000, got 0"),
-        ({"seeds": 2}, "seeds: expected none with keys, .*, got 2"),
-        ({"key": jnp.zeros(3)}, "key: expected a whole number, a jax.random.key"),
-        ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
-        ({"presets": "paper"}, "presets: expected one of .*method, .*, got 'presets'; is it preset?"),
+        ({"key": "3"}, "key", "'3'", ""),
+        ({"key": [0] * 1000}, "key", "[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0...", ""),
+        ({"devices": [0] * 1000}, "devices", "[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0...", ""),
+        ({"size": (5, 6)}, "size", "size=", "shape=(5, 6)"),
+        ({"seed": 3}, "seed", "seed=", "key=3"),
+        ({"key": 1, "seeds": 0}, "seeds", "0", ""),
+        ({"seeds": 2}, "seeds", "2", "none"),
+        ({"key": jnp.zeros(3)}, "key", None, "a jax.random.key"),
+        ({"key": jax.random.split(KEY, (2, 2))}, "key", "shape (2, 2)", ""),
+        ({"presets": "paper"}, "presets", "'presets'", ""),
         (
             {"method": "map-elites", "config": EvolutionConfig()},
-            "config: expected one of map-elites, got Evolution",
+            "config",
+            "EvolutionConfig",
+            "",
         ),
-        ({"method": np.array([1, 2])}, r"method: expected one of map-elites, .*, got array\(\[1, 2\]\)"),
-        ({"preset": "nonsense", "config": EvolutionConfig()}, "preset: expected none with a config, got 'nonsense'"),
-        ({"config": 3}, "config: expected one of AnnealedMapElitesConfig, .*, got int"),
-        ({"generations": 2.5}, "generations: expected a whole number, 0 or more, got 2.5"),
-        ({"weights": Weights(bridges=0.1)}, "weights bridges: expected a whole number, got 0.1"),
-        ({"axes": [Axis(np.array([1, 2]), 3)]}, "axes array.*: expected a metric, or a share"),
-        ({"weights": [(np.array([1, 2]), 3)]}, "weights: expected NAME=N with one of .*, got array"),
-        ({"rules": "duckietown", "fill": True}, "fill: expected none with the rules of duckietown"),
-        ({"weights": {"bridges": 2**30}}, "weights: expected a fitness within int32 for every grid of 5 x 6"),
+        ({"method": np.array([1, 2])}, "method", "array([1, 2])", ""),
+        ({"preset": "nonsense", "config": EvolutionConfig()}, "preset", "'nonsense'", "none"),
+        ({"config": 3}, "config", "int", ""),
+        ({"generations": 2.5}, "generations", "2.5", ""),
+        ({"weights": Weights(bridges=0.1)}, "weights bridges", "0.1", ""),
+        ({"axes": [Axis(np.array([1, 2]), 3)]}, "axes array([1, 2])", "array([1, 2])", ""),
+        ({"weights": [(np.array([1, 2]), 3)]}, "weights", "array([1, 2])", ""),
+        ({"rules": "duckietown", "fill": True}, "fill", "True", ""),
+        ({"weights": {"bridges": 2**30}}, "weights", "weights with which it might reach ...", "5 x 6"),
         (
             {"weights": {"bridges": 73 * 10**6}, "where": "crossings=2"},
-            "weights: expected a fitness within int32 for every grid of 5 x 6",
+            "weights",
+            "weights with which it might reach ...",
+            "5 x 6",
         ),
-        ({"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))}, "config: expected plain numbers, got an"),
+        (
+            {"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))},
+            "config",
+            "an array in MapElitesConfig(...)",
+            "",
+        ),
     ],
 )
-def test_bad_arguments_are_named(change, message):
+def test_bad_arguments_are_named(change, subject, got, expected):
     arguments = {"key": KEY, "shape": SHAPE, "generations": 1, "preset": "paper"} | change
-    with pytest.raises(InputError, match=message):
+    with refused(subject, got, expected):
         evolve(**arguments)
 
 
@@ -373,19 +394,19 @@ def test_keys_that_come_twice_are_a_warning():
 @pytest.mark.usefixtures("any_types")
 def test_a_state_of_another_run_is_refused():
     state = search(KEY, SHAPE, generations=0).state
-    other = "got one of a run with another key, other options or functions"
-    for change, message in (
-        ({"state": 3}, "state: expected the state of a result of evolve, got int"),
-        ({"shape": (6, 6)}, r"state: expected one of this run \(6 x 6, seeds: 1\), " + other),
-        ({"method": "ea"}, other),
-        ({"state": RunState(state.generation, (1, 2), state.fingerprint)}, other),
-        ({"weights": Weights(bridges=3)}, other),
-        ({"preset": "standard"}, other),
-        ({"key": jax.random.key(4)}, other),
-        ({"key": jax.random.split(KEY, 2)}, r"state: expected .* seeds: 2\)"),
+    other = "one of a run with another key, other options or functions"
+    for change, got, expected in (
+        ({"state": 3}, "int", "the state of a result"),
+        ({"shape": (6, 6)}, other, "6 x 6, seeds: 1"),
+        ({"method": "ea"}, other, "this run"),
+        ({"state": RunState(state.generation, (1, 2), state.fingerprint)}, other, "this run"),
+        ({"weights": Weights(bridges=3)}, other, "this run"),
+        ({"preset": "standard"}, other, "this run"),
+        ({"key": jax.random.key(4)}, other, "this run"),
+        ({"key": jax.random.split(KEY, 2)}, other, "seeds: 2"),
     ):
         arguments = {"key": KEY, "shape": SHAPE, "generations": 1, "preset": "paper", "fill": False, "state": state}
-        with pytest.raises(InputError, match=message):
+        with refused("state", got, expected):
             evolve(**arguments | change)
 
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 from folders import read_picture
+from refusals import refused
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
 from elitelanes_jax.tiles import load_objects, render
 from elitelanes_jax.tiles.object_set import default_objects, draw_tag
@@ -154,48 +154,56 @@ def test_a_digest_is_of_all_that_a_picture_shows(own):
     assert len({*digests, load_objects(own.parent).digest}) == 4
 
 
-TOMLS = {
-    'kind = "duck"\nheight = 1\nfootprint = [1, 1]': "kind: expected one of",
-    'kind = "duckie"\nheight = 1': "expected the keys .*, got no footprint",
-    'kind = "duckie"\nheight = 0\nfootprint = [1, 1]': "height: expected metres",
-    'kind = "duckie"\nheight = 1\nfootprint = [1]': "footprint: expected",
-    'kind = "floor_tag"\nheight = 0\nfootprint = [1, 1]': "expected top.png",
-    'kind = "duckie"\nheight = 1\nfootprint = [1, 1]\ntag = 3': r"tag: expected \[middle, side\] in metres, got 3",
-    'kind = "duckie"\nheight = 1\nfootprint = [1, 1]\ntags = 3': "expected the keys .*, tag, got 'tags'",
-}
-TOMLS |= {
-    f'kind = "duckie"\nheight = 1\nfootprint = [1, 1]\ntag = [{tag}]': rf"\[middle, side\] in metres, got \[{tag}\]"
-    for tag in ("nan, 0.1", "inf, 0.1", "-0.1, 0.1", "0.1, 0", "0.1, 11")
-}
-
-
 def replace_by_a_folder(file):
     file.unlink(missing_ok=True)
     file.mkdir()
 
 
-FAULTS = {words: lambda place, text=text: write(place, text) for text, words in TOMLS.items()} | {
-    "expected image.png, the view from the front, got none": lambda place: (place / "image.png").unlink(),
-    "object.toml: no such file or directory": lambda place: (place / "object.toml").unlink(),
-    "image.png: expected a picture with transparency": lambda place: cv2.imwrite(
-        str(place / "image.png"), np.zeros((8, 8, 3), np.uint8)
+def written(text):
+    return lambda place: write(place, text)
+
+
+def copied(name):
+    return lambda place: shutil.copy(place / "image.png", place / name)
+
+
+DUCKIE = 'kind = "duckie"\nheight = 1\nfootprint = [1, 1]\n'
+FAULTS = [
+    (written('kind = "duck"\nheight = 1\nfootprint = [1, 1]'), "duckie_1/object.toml: kind", "'duck'", "one of"),
+    (written('kind = "duckie"\nheight = 1'), "duckie_1/object.toml", "no footprint", "the keys"),
+    (written('kind = "duckie"\nheight = 0\nfootprint = [1, 1]'), "duckie_1/object.toml: height", "0", "metres"),
+    (written('kind = "duckie"\nheight = 1\nfootprint = [1]'), "duckie_1/object.toml: footprint", "[1]", "metres"),
+    (written('kind = "floor_tag"\nheight = 0\nfootprint = [1, 1]'), "duckie_1", "none", "top.png"),
+    (written(f"{DUCKIE}tag = 3"), "duckie_1/object.toml: tag", "3", "[middle, side]"),
+    (written(f"{DUCKIE}tags = 3"), "duckie_1/object.toml", "'tags'", "tag"),
+    *(
+        (written(f"{DUCKIE}tag = [{tag}]"), "duckie_1/object.toml: tag", f"[{tag}]", "[middle, side]")
+        for tag in ("nan, 0.1", "inf, 0.1", "-0.1, 0.1", "0.1, 0", "0.1, 11")
     ),
-    "got image_400.png": lambda place: shutil.copy(place / "image.png", place / "image_400.png"),
-    "got image_0.png": lambda place: shutil.copy(place / "image.png", place / "image_0.png"),
-    "got image_045.png": lambda place: shutil.copy(place / "image.png", place / "image_045.png"),
-    "got image_-45.png": lambda place: shutil.copy(place / "image.png", place / "image_-45.png"),
-    "got image_x.png": lambda place: shutil.copy(place / "image.png", place / "image_x.png"),
-    "got image_.png": lambda place: shutil.copy(place / "image.png", place / "image_.png"),
-    "got image_22.5.png": lambda place: shutil.copy(place / "image.png", place / "image_22.5.png"),
-    "expected folders with object.toml and image.png": lambda place: shutil.rmtree(place),
-    "image.png, the view from the front, got": lambda place: replace_by_a_folder(place / "image.png"),
-}
+    (lambda place: (place / "image.png").unlink(), "duckie_1", "none", "image.png"),
+    (lambda place: (place / "object.toml").unlink(), "duckie_1/object.toml", "no such file or directory", ""),
+    (
+        lambda place: cv2.imwrite(str(place / "image.png"), np.zeros((8, 8, 3), np.uint8)),
+        "duckie_1/image.png",
+        "one without",
+        "transparency",
+    ),
+    *(
+        (copied(name), "duckie_1", name, "views")
+        for name in (
+            *("image_400.png", "image_0.png", "image_045.png", "image_-45.png"),
+            *("image_x.png", "image_.png", "image_22.5.png"),
+        )
+    ),
+    (shutil.rmtree, "", "none", "object.toml and image.png"),
+    (lambda place: replace_by_a_folder(place / "image.png"), "duckie_1", "none", "image.png"),
+]
 
 
-@pytest.mark.parametrize("words", FAULTS)
-def test_faults_are_named(words, own):
-    FAULTS[words](own)
-    with pytest.raises(InputError, match=words):
+@pytest.mark.parametrize(("spoil", "place", "got", "expected"), FAULTS)
+def test_faults_are_named(spoil, place, got, expected, own):
+    spoil(own)
+    with refused(own.parent / place, got, expected):
         load_objects(own.parent)
 
 
@@ -205,7 +213,7 @@ def test_a_folder_called_top_is_no_picture_from_above(own):
 
 
 def test_the_seed_of_a_choice_is_checked():
-    with pytest.raises(InputError, match="seed: expected whole numbers, 0 or more, got -1"):
+    with refused("seed", "-1"):
         load_objects().choose([], -1)
 
 

@@ -6,8 +6,9 @@ import re
 import cv2
 import numpy as np
 import pytest
+from refusals import refused
 
-from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax import RoadMap
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.tags import LARGEST_TAG, SIGN_TAGS
 from elitelanes_jax.maps import furnish
@@ -68,5 +69,5 @@ def test_the_command_writes_tags_instead_of_a_plan(tmp_path, capsys):
     assert capsys.readouterr().out == f"12 tags to print, in {out}\n"
     assert main(["plan", str(file), "--tags", "--out", str(tmp_path / "tags.svg")]) == 2
     assert "--out: expected a name that ends in .pdf, got" in capsys.readouterr().err
-    with pytest.raises(InputError, match=r"file: expected a name that ends in \.pdf"):
+    with refused("file", "'tags.png'", expected=".pdf"):
         write_tags(file, "tags.png")

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from refusals import refused
 
-from elitelanes_jax import InputError, RoadMap, load_tiles, render
+from elitelanes_jax import RoadMap, load_tiles, render
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.dataset._transforms import parse_transforms
@@ -133,21 +134,21 @@ def two_whites(mask, file):
 
 
 REFUSED = [
-    (half_erased, "expected pixels that are opaque or transparent, got an opacity of 1 of 255"),
-    (red_paint, "expected a grey mask, got one in colours"),
-    (black_paint, "expected a mask in white, got one in black on transparent ground"),
-    (one_of_two_greys_is_transparent, "expected a mask in white, got one in black on transparent ground"),
-    (sixteen_bits, "expected a PNG picture of 8 bits a channel, got uint16"),
-    (two_whites, "expected a mask of two values, 0 and one other, got 3: 0, 127, 255"),
+    (half_erased, "an opacity of 1 of 255"),
+    (red_paint, "one in colours"),
+    (black_paint, "one in black on transparent ground"),
+    (one_of_two_greys_is_transparent, "one in black on transparent ground"),
+    (sixteen_bits, "uint16"),
+    (two_whites, "3: 0, 127, 255"),
 ]
 
 
-@pytest.mark.parametrize(("form", "words"), REFUSED)
+@pytest.mark.parametrize(("form", "got"), REFUSED)
 @pytest.mark.parametrize("name", MASKS)
-def test_a_mask_that_can_be_read_in_two_ways_is_refused(form, words, name, folder, plain):
+def test_a_mask_that_can_be_read_in_two_ways_is_refused(form, got, name, folder, plain):
     kind, index = ("crossing4_1", 3) if name == "red" else ("turn_1", 0)
     form(getattr(plain.tiles[index], name).astype(np.uint8) * 255, folder / kind / f"{name}.png")
-    with pytest.raises(InputError, match=f"^{folder / kind / name}.png: {words}$"):
+    with refused("", f"{folder / kind / name}.png: ... got {got}"):
         load_tiles(folder)
 
 
@@ -239,7 +240,7 @@ def test_proposals_leave_transparent_pixels_out(folder, cut):
         assert proposal.masks["road"].any()
     grey = np.dstack([np.repeat(cv2.imread(str(folder / "turn_1/image.png"), 0)[..., None], 3, axis=2), ~cut * 255])
     cv2.imwrite(str(folder / "turn_1/image.png"), grey)
-    with pytest.raises(InputError, match=r"turn_1/image.png: expected a picture in colours, got a grey one$"):
+    with refused("", "...tiles/turn_1/image.png...got a grey one"):
         mask_folder(folder)
 
 
@@ -261,18 +262,17 @@ def erase(part):
 
 
 SPOILT = {
-    "image.png: expected a picture with opaque pixels, got one that is transparent everywhere": erase(np.s_[..., 3]),
-    "road.png: expected a road that reaches two sides that meet of the tile, got W, "
-    "because image.png is transparent on a part of the road": erase(np.s_[75:, :, 3]),
+    "image.png: ... got one that is transparent everywhere": erase(np.s_[..., 3]),
+    "road.png: ... got W, because image.png is transparent on a part of the road": erase(np.s_[75:, :, 3]),
 }
 
 
-@pytest.mark.parametrize("words", SPOILT)
-def test_a_picture_without_its_road_is_refused(words, folder, plain):
+@pytest.mark.parametrize("fault", SPOILT)
+def test_a_picture_without_its_road_is_refused(fault, folder, plain):
     picture = np.dstack([plain.tiles[0].image, np.full((96, 96), 255, np.uint8)])
-    SPOILT[words](picture)
+    SPOILT[fault](picture)
     Image.fromarray(picture).save(folder / "turn_1/image.png")
-    with pytest.raises(InputError, match=f"^{folder}/turn_1/{words}$"):
+    with refused("", f"{folder}/turn_1/{fault}"):
         load_tiles(folder)
 
 

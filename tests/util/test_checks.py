@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from elitelanes_jax._util.checks import check_named, clip_to_int32, file_named, folder, path, real
 from elitelanes_jax._util.errors import InputError, suggest
@@ -25,7 +26,7 @@ from elitelanes_jax.problem.inventory import parse_numbers
     ids=["large", "small", "infinite", "text", "nan"],
 )
 def test_a_number_that_no_float_holds_is_refused(number):
-    with pytest.raises(InputError, match="expected a number, 0 or more, got"):
+    with refused("", expected="a number"):
         real(0)(number)
     assert real(0)(10**300) == 1e300 and real(0)(sys.float_info.max) == sys.float_info.max
 
@@ -36,7 +37,7 @@ def test_a_number_of_any_type_of_numpy_is_compared_as_a_number_of_python(dtype):
     assert real(0)(dtype(0.5)) == 0.5 and type(real(0)(dtype(0.5))) is float
     for check in (real(0), real(0, 1e6), real(0, exclusive=True)):
         for number in ("inf", "nan"):
-            with pytest.raises(InputError, match=f"got np.{dtype.__name__}"):
+            with refused("", f"np.{dtype.__name__}(...{number}...)"):
                 check(dtype(number))
 
 
@@ -44,7 +45,7 @@ def test_a_number_of_any_type_of_numpy_is_compared_as_a_number_of_python(dtype):
 @pytest.mark.parametrize("kind", [str, Path])
 @pytest.mark.parametrize("check", [path, folder, file_named(".json")], ids=["path", "folder", "file"])
 def test_a_path_with_characters_that_no_path_has_is_refused(check, kind, text):
-    with pytest.raises(InputError, match="expected a path, got 'a"):
+    with refused("", "'a...", expected="path"):
         check(kind(text))
 
 
@@ -66,7 +67,7 @@ def test_whole_numbers_are_clipped_to_32_bits(value, clipped):
 
 
 def test_a_folder_with_the_long_name_of_a_file_is_refused_in_one_line():
-    with pytest.raises(InputError, match="expected a folder, got the name of a file"):
+    with refused("", "the name of a file, 'aaa..."):
         folder("a" * 300 + ".png")
 
 
@@ -84,7 +85,7 @@ def test_code_without_a_module_is_warned():
 def test_an_archive_with_other_members_than_arrays_is_refused(name, tmp_path):
     with zipfile.ZipFile(tmp_path / "runs.npz", "w") as archive:
         archive.writestr(name, "[]")
-    with pytest.raises(InputError, match=rf"runs.npz: expected NumPy's .npz, .*: {name} is no array"):
+    with refused(tmp_path / "runs.npz", f"...: {name} is no array"):
         read_npz(tmp_path / "runs.npz")
 
 
@@ -92,12 +93,11 @@ def test_an_error_that_gets_a_name_keeps_its_subject():
     def check(value):
         raise InputError("where turns", "more")
 
-    with pytest.raises(InputError, match="^large: where turns: expected more$") as caught:
+    with refused("large: where turns", ""):
         check_named("large", check, 3)
-    assert caught.value.subject == "large: where turns"
-    with pytest.raises(InputError, match="^where turns: expected more$"):
+    with refused("where turns", ""):
         check_named("where", check, 3)
-    with pytest.raises(InputError, match="^whe: where turns: expected more$"):
+    with refused("whe: where turns", ""):
         check_named("whe", check, 3)
 
 
@@ -106,9 +106,9 @@ def test_a_name_that_begins_with_another_one_is_not_taken_for_it(subject):
     def check(value):
         raise InputError(subject, "more")
 
-    with pytest.raises(InputError, match=f"^size: {subject}: expected more$"):
+    with refused(f"size: {subject}"):
         check_named("size", check, 3)
-    with pytest.raises(InputError, match=f"^{subject}: expected more$"), naming_options(GenerateSpec()):
+    with refused(subject), naming_options(GenerateSpec()):
         check(3)
 
 

@@ -12,8 +12,8 @@ from stat import S_IMODE
 
 import pytest
 from filelock import FileLock
+from refusals import refused
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.folders import foreign_file, has_unfinished, locked, output_folder, settle
 
 SETTINGS = {"command": "test"}
@@ -44,23 +44,23 @@ def test_a_current_folder_that_was_deleted_is_an_error_of_the_output_folder(tmp_
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
-    with pytest.raises(InputError, match="^out: expected a path that can be written to, got no such file"):
+    with refused("out", "no such file..."):
         write("out")
 
 
 def test_a_folder_that_cannot_be_renamed_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="^.: expected a folder that can be renamed, got the current one; name a new"):
+    with refused(".", "the current one"):
         write(".")
     monkeypatch.setattr(os.path, "ismount", lambda path: path == tmp_path / "out")
-    with pytest.raises(InputError, match="out: expected a folder that can be renamed, got a mount; name a new folder"):
+    with refused(tmp_path / "out", "a mount"):
         write(tmp_path / "out")
     assert not everything(tmp_path)
 
 
 def test_the_root_is_refused():
     root = Path(Path.cwd().anchor)
-    with pytest.raises(InputError, match="expected a folder that can be renamed, got a mount; name a new folder in it"):
+    with refused(root, "a mount"):
         write(root)
     assert not has_unfinished(root)
     settle(root)
@@ -69,7 +69,7 @@ def test_the_root_is_refused():
 def test_a_link_to_itself_is_refused_before_the_work(tmp_path):
     (tmp_path / "there").symlink_to("here")
     (tmp_path / "here").symlink_to("there")
-    with pytest.raises(InputError, match="here: expected a folder, got a link that leads to itself"):
+    with refused(tmp_path / "here", "a link that leads to itself"):
         write(tmp_path / "here", names=())
     assert {path.name for path in tmp_path.iterdir()} == {"here", "there"}
 
@@ -105,42 +105,42 @@ def test_nothing_remains_of_what_went_wrong(tmp_path, out, error):
     assert everything(tmp_path) == {"empty"}
 
 
-def refused(out, message, settings=SETTINGS, **options):
-    with pytest.raises(InputError, match=message), output_folder(out, settings, **options):
+def is_refused(out, got, hint="", settings=SETTINGS, **options):
+    with refused(out, got, hint=hint) as caught, output_folder(out, settings, **options):
         raise AssertionError("not reached")
+    return caught.value
 
 
 def test_folders_that_cannot_be_made_are_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("mine")
-    refused(tmp_path / "file", "file: expected a folder that is new or empty, got a file")
-    refused(tmp_path, "expected a folder that is new or empty, got one with files in it$")
-    refused(tmp_path / "file" / "out", "out: expected a path that can be written to, got .*file/.out-unfinished: ")
+    is_refused(tmp_path / "file", "a file")
+    assert not is_refused(tmp_path, "one with files in it").hint
+    is_refused(tmp_path / "file" / "out", f"{tmp_path / 'file' / '.out-unfinished'}: ...")
     assert everything(tmp_path) == {"file"}
 
     def fail(path, *_, **__):
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr(Path, "mkdir", fail)
-    refused(tmp_path / "out", "out: expected a path that can be written to, got .*: permission denied")
+    is_refused(tmp_path / "out", "...: permission denied")
 
 
 def test_one_process_at_a_time_works_for_a_folder(tmp_path):
     (tmp_path / "out").mkdir()
     with output_folder(tmp_path / "out", SETTINGS) as work:
         (work.files / "file").write_text("text")
-        refused(tmp_path / "out", "out: expected no other run at work in it, got one")
+        is_refused(tmp_path / "out", "one, ...", hint="lock")
     assert contents(tmp_path) == {"out/file": "text"}
 
 
 def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path):
     out = tmp_path / "out"
     write(out, "old", ("one", "three"))
-    refused(out, "got one with files in it; force=True replaces it", foreign=foreign)
-    refused(out, "got one with files in it$", force=True)
+    is_refused(out, "one with files in it", hint="force=True", foreign=foreign)
+    assert not is_refused(out, "one with files in it", force=True).hint
     (tmp_path / "link").symlink_to(out / "three")
     inputs = [tmp_path / "other", tmp_path / "link"]
-    words = r"expected a folder to replace that contains no input, got one with .*link"
-    refused(out, words, foreign=foreign, force=True, inputs=inputs)
+    is_refused(out, f"one with {inputs[1]}", foreign=foreign, force=True, inputs=inputs)
     write(out, foreign=foreign, force=True)
     assert contents(out) == {"one": "new", "sub/two": "new"}
 
@@ -199,7 +199,7 @@ def test_a_folder_with_anything_else_is_never_replaced(when, name, tmp_path):
 
     if when == "before":
         add()
-    with pytest.raises(InputError, match=f"with files of an earlier run alone, got one with {name}"):
+    with refused(out, f"one with {name}"):
         replace()
     assert (out / "one").read_text() == "old"
     assert name in everything(out) and not [path for path in everything(tmp_path) if "unfinished" in path]
@@ -284,8 +284,9 @@ def test_work_of_another_command_is_named(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    words = "out: expected unfinished work of generate, got that of dataset; delete .*-unfinished, or use force=True"
-    refused(tmp_path / "out", words, {"command": "generate", "size": [3, 3]})
+    settings = {"command": "generate", "size": [3, 3]}
+    error = is_refused(tmp_path / "out", "that of dataset", hint="force=True", settings=settings)
+    assert "generate" in error.expected and str(tmp_path / ".out-unfinished") in error.hint
 
 
 def test_work_is_resumed_with_the_same_settings_alone(tmp_path):
@@ -302,10 +303,11 @@ def test_work_is_resumed_with_the_same_settings_alone(tmp_path):
         with pytest.raises(KeyboardInterrupt):
             interrupted()
         assert has_unfinished(out) and not out.exists()
-    words = r"out: expected results with more x \[3\], got results with .2.; delete .*-unfinished, or use force=True"
-    refused(out, words, {"seed": 1, "more": {"x": [3]}})
+    error = is_refused(out, "results with [2]", hint="force=True", settings={"seed": 1, "more": {"x": [3]}})
+    assert "more x [3]" in error.expected and str(tmp_path / ".out-unfinished") in error.hint
     # A setting that only the earlier run had is a difference, as one that only this run has.
-    refused(out, r"expected results with more x None, got results with .2.; ", {"seed": 1, "more": {}})
+    error = is_refused(out, "results with [2]", settings={"seed": 1, "more": {}})
+    assert "more x None" in error.expected
     assert has_unfinished(out)
     with output_folder(out, {"seed": 2}, force=True) as work:
         assert not list(work.kept.iterdir())
