@@ -108,6 +108,12 @@ def _files_of_maps(sources: Sequence[Path]) -> list[Path]:
                 source, "files of maps", "a dataset", "elitelanes pack exports its maps"
             )
         files += map_files(source)
+    places: dict[Path, Path] = {}
+    for file in files:
+        place = file.resolve()
+        if place in places:
+            raise InputError(file, "each map once", f"{places[place]} again")
+        places[place] = file
     return files
 
 

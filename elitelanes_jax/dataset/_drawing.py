@@ -50,6 +50,7 @@ class Drawing:
       format: the name of the layout.
       contents: what the samples have in their records.
       maps: the maps by their indices in the dataset.
+      names: what messages call the maps, if they are given.
     """
 
     settings: SampleSettings
@@ -58,6 +59,7 @@ class Drawing:
     format: str
     contents: Contents
     maps: Mapping[int, RoadMap]
+    names: Sequence[str] = ()
 
     @classmethod
     def of_maps(cls, plan: PlannedDataset, maps: Sequence[RoadMap]) -> Self:
@@ -71,7 +73,8 @@ class Drawing:
             add_metrics(metrics, road_map.metrics)
         contents = Contents(metrics, spec.camera is not None, plan.objects is not None)
         numbered = dict(enumerate(maps))
-        return cls(settings, spec.views, spec.furnish, spec.format, contents, numbered)
+        names = () if spec.maps_from is None else spec.maps_from.names
+        return cls(settings, spec.views, spec.furnish, spec.format, contents, numbered, names)
 
     @property
     def layout(self) -> Layout:
@@ -102,7 +105,8 @@ class Drawing:
         place = partial(
             furnish, spec=self.furnish, seed=seed, lane_offset=settings.tiles.lane_offset
         )
-        return check_named(f"furnish: map {number}", place, self.maps[number])
+        name = self.names[number] if self.names else f"map {number}"
+        return check_named(f"furnish: {name}", place, self.maps[number])
 
 
 def draw_missing(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.maps.furnishing.spec import FurnishSpec
+from elitelanes_jax.maps.furnishing.spec import AS_MANY_AS_FIT, FurnishSpec
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.codes import CROSSINGS
 from elitelanes_jax.search.resolve import Search, resolve
@@ -104,7 +104,7 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
             "furnish",
             f"rules=duckietown or a style such as town with {asked}",
             "a search whose maps have no cells without road",
-            "a share below 1 places as many as fit",
+            AS_MANY_AS_FIT,
         )
 
 

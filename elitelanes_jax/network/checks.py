@@ -82,7 +82,7 @@ def check_grid(grid: UserValue, subject: str = "grid") -> AnyArray:
             subject, "rows of tile codes", repr(str(grid)), "read_map reads the map of a file"
         )
     try:
-        array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
+        array = grid if jax and isinstance(grid, jax.Array) else _array_of(grid)
     except ValueError:
         raise InputError(subject, "rows of one length", "rows of several") from None
     # `np.asarray` drops the mask, and the cells under it may have any codes.
@@ -111,6 +111,17 @@ def check_grid(grid: UserValue, subject: str = "grid") -> AnyArray:
                 f"{codes[row, column]} at {describe_cell(row, column)}",
             )
     return array.astype(np.int8)
+
+
+def _array_of(grid: UserValue) -> AnyArray:
+    """Returns rows as an array of NumPy, or of JAX if `jax.jit` traces each number of them."""
+    jax = sys.modules.get("jax")
+    try:
+        return np.asarray(grid)
+    except TypeError:
+        if jax is None or not isinstance(grid, list | tuple):
+            raise
+        return jax.numpy.stack([jax.numpy.stack(row) for row in grid])
 
 
 def known_grid(grid: UserValue, subject: str = "grid") -> Int8[np.ndarray, "H W"]:

@@ -169,3 +169,12 @@ def test_a_dataset_is_refused_with_the_command_that_reads_it(tmp_path, capsys):
     (tmp_path / "lanes" / "dataset.json").write_text("{}")
     assert main(["export", str(tmp_path / "lanes"), "--to", "sumo", "--out", str(tmp_path / "out")]) == 2
     assert "got a dataset; elitelanes pack exports its maps" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("target", ["csv", "opendrive"])
+def test_a_map_is_exported_once(target, maps, tmp_path, capsys):
+    same = Path(maps[0])
+    again = str(same.parent / ".." / same.parent.name / same.name)
+    out = str(tmp_path / ("out.csv" if target == "csv" else "out"))
+    assert main(["export", maps[0], again, "--to", target, "--out", out]) == 2
+    assert f"{again}: expected each map once, got {maps[0]} again" in capsys.readouterr().err

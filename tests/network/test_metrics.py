@@ -161,6 +161,12 @@ def test_a_ring_by_hand():
     assert fitness(metrics) == -2 - 8
 
 
+def test_rows_of_traced_numbers_are_a_grid():
+    assert jax.jit(measure)([[6, 3], [12, 9]]).turns == 4
+    with refused("grid", "rows of several"):
+        jax.jit(measure)([[6, 3], [12]])
+
+
 @pytest.mark.parametrize("shape", [(5, 7), *slow((20, 20))], ids=str)
 def test_alone_in_a_batch_under_jit_and_nested_vmap(shape):
     grids = np.random.default_rng(8).integers(0, 16, (2, 3, *shape)).astype(np.int8)

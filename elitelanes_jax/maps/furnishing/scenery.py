@@ -10,7 +10,7 @@ from jaxtyping import Int, Int8
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.maps.furnishing.space import Space, make_object, outline_of
-from elitelanes_jax.maps.furnishing.spec import FurnishSpec
+from elitelanes_jax.maps.furnishing.spec import AS_MANY_AS_FIT, FurnishSpec
 from elitelanes_jax.network.codes import EAST, KINDS, SIDES, WEST
 
 Place = tuple[float, float, float]
@@ -54,7 +54,8 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
             _check_count(name, scenery, count, space.codes)
         placed = _place(space, name, scenery, count, random, lane_offset)
         if placed < count and amount >= 1:
-            raise InputError(name, "a number that fits", f"{count}, of which {placed} fit")
+            got = f"{count}, of which {placed} fit"
+            raise InputError(name, "a number that fits", got, AS_MANY_AS_FIT)
 
 
 def scenery_kinds(spec: FurnishSpec) -> set[str]:
@@ -81,7 +82,8 @@ def _check_count(
     # The areas of all objects are at most the area of these squares.
     most = int(cells * side**2 / (length * width))
     if cells and count > most:
-        raise InputError(name, "a number that fits", f"{count}, of which at most {most} fit")
+        got = f"{count}, of which at most {most} fit"
+        raise InputError(name, "a number that fits", got, AS_MANY_AS_FIT)
 
 
 def _spots_of(

@@ -26,6 +26,9 @@ _LARGEST_AMOUNT = 100_000
 _AMOUNTS = "a share from 0 to 1, or a whole number"
 _FILES = (".toml", ".json", ".yaml")
 
+AS_MANY_AS_FIT = "a share below 1 places as many as fit"
+"""The hint of an error about a number of objects that a map has no room for."""
+
 # The amounts of objects that stand on cells without road.
 _BESIDE_ROADS = (
     "buildings", "houses", "buses", "trucks", "trees",
