@@ -329,7 +329,9 @@ KEPT_BY = {
 """Pytrees of compiled programs, and the cases of what keeps them. A pytree itself is no more than a tuple."""
 
 RESULTS = {
-    *("Picture", "Measured", "Scores", "Views", "Transition", "LaneDriveObservation", "Info"),
+    *("Picture", "Measured", "Scores", "Views", "Transition", "Info"),
+    *("LaneDriveObservation", "RoadNavObservation", "RoadTrafficObservation"),
+    *("LaneDriveInfo", "RoadNavInfo", "RoadTrafficInfo"),
     *("Pose", "LaneNode", "Evaluation", "Population"),
 }
 """What functions return with new arrays. Functions that take one have used it when they return."""

@@ -50,6 +50,7 @@ from elitelanes_jax.drive import (
     Pose,
     RoadNav,
     RoadNavParams,
+    Robot,
     auto_replay,
     auto_reset,
     distances,
@@ -240,6 +241,12 @@ WRONG = {
     ),
     "params: expected RoadNavParams, got LaneDriveParams(": lambda: begin(RoadNav, LaneDriveParams),
     "params: expected LaneDriveParams, got RoadNavParams(": lambda: begin(LaneDrive, RoadNavParams),
+    "robot: expected a latency, as the state of the wheels has, got none": lambda: LaneDrive.step(
+        jax.random.key(0),
+        LaneDrive.reset(jax.random.key(0), LaneDriveParams(levels(), robot=Robot(latency=1.0)))[1],
+        np.zeros(2),
+        LaneDriveParams(levels()),
+    ),
     "state: expected LaneDriveState, got RoadNavState(": lambda: LaneDrive.step(
         *begin(RoadNav, RoadNavParams), np.zeros(2), LaneDriveParams(levels())
     ),
@@ -277,7 +284,7 @@ WRONG = {
     "count: expected a whole number, 1 or more, got 0": lambda: random_population(
         road_problem((4, 4)), jax.random.key(0), 0
     ),
-    "out: expected a name that ends in .html, got page.png": lambda: explore(GRID, "page.png"),
+    "out: expected a name that ends in .html or .htm, got page.png": lambda: explore(GRID, "page.png"),
     "tile_px: expected a whole number, 16 to 512, got 9": lambda: explore(GRID, "page.html", tile_px=9),
     "rides: expected rides on the map, got rides on another one": lambda: next(
         film(GRID[:, ::-1], load_tiles(), make_rides(GRID, 1, seconds=0.1))

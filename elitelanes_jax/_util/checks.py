@@ -362,8 +362,8 @@ def ends_as_file(file: Path) -> bool:
     return file.name.lower().endswith(_FILES)
 
 
-def file_named(suffix: str) -> Check[Path]:
-    """Makes a check for the path of a file to write, which has this suffix.
+def file_named(*suffixes: str) -> Check[Path]:
+    """Makes a check for the path of a file to write, which has one of some suffixes.
 
     A pipe or a device may have any name.
     """
@@ -372,8 +372,9 @@ def file_named(suffix: str) -> Check[Path]:
         file = path(value)
         if is_folder(file):
             raise InputError("", "a file", f"a folder, {file}")
-        if file.suffix.lower() != suffix and (file.is_file() or not file.exists()):
-            raise InputError("", f"a name that ends in {suffix}", file)
+        is_special = path_exists(file) and not file.is_file()
+        if file.suffix.lower() not in suffixes and not is_special:
+            raise InputError("", f"a name that ends in {' or '.join(suffixes)}", file)
         return file
 
     return check

@@ -92,7 +92,9 @@ class FolderLock:
         from filelock import Timeout
 
         with suppress(OSError, Timeout):
-            if not self._file.parent.is_dir():
+            # A file with content is the lock of a host without system locks, which refused this
+            # process. FileLock of filelock 3.15 would delete the content.
+            if not self._file.parent.is_dir() or self._has_content():
                 self._lock.release(force=True)
                 return
             # An interruption may have come after the lock's file was made and before it was locked.
@@ -100,15 +102,16 @@ class FolderLock:
             # and the file stays.
             self._lock.acquire(blocking=False)
             try:
-                # Windows deletes no open file; there the release deletes it. A file with content is
-                # the lock of a host without system locks, which refused this process.
+                # Windows deletes no open file; there the release deletes it.
                 with suppress(OSError):
-                    if not self._file.stat().st_size:
-                        self._file.unlink()
+                    self._file.unlink()
             finally:
                 # Each call of `acquire` counts. `force` releases the lock at once, because a
                 # process that was interrupted may continue.
                 self._lock.release(force=True)
+
+    def _has_content(self) -> bool:
+        return self._file.exists() and self._file.stat().st_size > 0
 
     def _read(self, now: float) -> tuple[str, float]:
         """Returns the content of the file, and the seconds since it was touched."""

@@ -35,7 +35,8 @@ def add_score(commands: Commands) -> None:
         "--predictions",
         type=checked_by(path),
         metavar="DIR|FILE",
-        help="label maps such as 000012.png, a file of COCO's results, or a .jsonl file of lane poses",
+        help="label maps such as 000012.png, a file of COCO's results, or a .jsonl file of lane poses: "
+        "number, d in tiles, phi in radians",
     )
     command.add_argument(
         "--split",
@@ -83,8 +84,7 @@ def _score_dataset(options: argparse.Namespace) -> int:
         if error.subject.partition(":")[0] in ("predictions", "split"):
             error = error.replace(subject=f"--{error.subject}")
         raise error from None
-    width = max(16, 2 + max(map(len, scores)))
-    lines = (f"{name:{width}}{score:.3f}" for name, score in scores.items())
+    lines = (f"{name:16}{score:.3f}" for name, score in scores.items())
     say("\n".join(lines), asked=True)
     return 0
 

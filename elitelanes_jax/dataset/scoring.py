@@ -50,8 +50,8 @@ def score_predictions(
       The intersection over union (IoU) of each class, by its name, and their `mean`, over all
       pixels of the split. A class that neither labels nor predictions have is NaN, and is left out
       of the mean. For objects, COCO's average precisions of boxes: `AP`, `AP50` and `AP75`. For lane
-      poses, the absolute errors against `nearest` of the dataset: the median and the 90th percentile
-      of the offset in centimetres, for tiles of 0.585 m, and of the angle in radians.
+      poses, the median absolute errors against `nearest` of the dataset: `offset_cm`, in centimetres
+      for tiles of 0.585 m, and `angle_rad`. `offset_cm_90` and `angle_rad_90` are 90th percentiles.
 
     Raises:
       InputError: for a folder that is no such dataset, a missing or wrong prediction, or a package
@@ -72,7 +72,7 @@ def score_predictions(
         raise InputError("split", f"one that has pictures in {folder}", split)
     if predicted.is_dir():
         return _score_labels(folder, predicted, layout, index)
-    if predicted.suffix == ".jsonl":
+    if predicted.suffix.lower() == ".jsonl":
         return _score_poses(folder, predicted, layout, index)
     return _score_boxes(folder, predicted, layout, index)
 
@@ -137,26 +137,29 @@ def _score_poses(folder: Path, predictions: Path, layout: Layout, split: int) ->
     """Returns the errors of lane poses."""
     rows = [*_rows(folder, layout, split)]
     if "nearest" not in rows[0]:
-        raise InputError("predictions", "a folder of labels, or a dataset of robots' views", folder)
-    found = _read_poses(predictions, {row["number"] for row in rows})
+        raise InputError(folder, "a dataset of robots' views, made with --camera", "another one")
+    found = _read_poses(predictions, {row["number"] for row in rows}, SPLITS[split])
     errors = np.array(
         [[found[row["number"]][name] - row["nearest"][name] for name in _POSE] for row in rows]
     )
     offset = np.abs(errors[:, 0]) * TILE_SIZE * 100
     angle = np.abs((errors[:, 1] + np.pi) % (2 * np.pi) - np.pi)
     scores = {}
-    for name, part in (("offset, cm", offset), ("angle, rad", angle)):
+    for name, part in (("offset_cm", offset), ("angle_rad", angle)):
         scores[name] = float(np.median(part))
-        scores[f"{name}, 90 %"] = float(np.percentile(part, 90))
+        scores[f"{name}_90"] = float(np.percentile(part, 90))
     return scores
 
 
-def _read_poses(file: Path, numbers: Collection[int]) -> dict[int, dict[str, float]]:
+def _read_poses(file: Path, numbers: Collection[int], split: str) -> dict[int, dict[str, float]]:
     """Reads the lane pose of each picture of a split, by the picture's number."""
     found: dict[int, dict[str, float]] = {}
     with file.open("rb") as lines:
         for index, line in enumerate(lines, start=1):
-            pose = check_named(f"predictions: line {index}", _check_pose, line, numbers)
+            # An editor may leave an empty line at the end.
+            if not line.strip():
+                continue
+            pose = check_named(f"predictions: line {index}", _check_pose, line, numbers, split)
             if pose["number"] in found:
                 number = int(pose["number"])
                 raise InputError(
@@ -165,21 +168,22 @@ def _read_poses(file: Path, numbers: Collection[int]) -> dict[int, dict[str, flo
             found[int(pose["number"])] = pose
     if missing := sorted(set(numbers) - found.keys()):
         raise InputError(
-            "predictions", "a line for each picture of the split", f"none for {missing[0]}"
+            "predictions", f"a line for each picture of the split {split}", f"none for {missing[0]}"
         )
     return found
 
 
-def _check_pose(line: bytes, numbers: Container[int]) -> dict[str, float]:
-    expected = f"a table with number, {' and '.join(_POSE)}"
+def _check_pose(line: bytes, numbers: Container[int], split: str) -> dict[str, float]:
+    expected = f"JSON with number, {' and '.join(_POSE)}"
     try:
         pose = json.loads(line)
     except (ValueError, RecursionError):
-        raise InputError("", expected, "no JSON") from None
+        raise InputError("", expected, "another text") from None
     if not isinstance(pose, dict) or not pose.keys() >= {"number", *_POSE}:
         raise InputError("", expected, brief(pose, 40))
     if not is_real(pose["number"]) or pose["number"] not in numbers:
-        raise InputError("number", "that of a picture of the split", brief(pose["number"], 40))
+        expected = f"that of a picture of the split {split}"
+        raise InputError("number", expected, brief(pose["number"], 40))
     for name in _POSE:
         if not _is_finite(pose[name]):
             raise InputError(name, "a finite number", brief(pose[name], 40))
@@ -192,8 +196,8 @@ def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) ->
     if not file.is_file():
         raise InputError(
             "predictions",
-            "a folder of labels, or a dataset of the layout coco with objects",
-            folder,
+            "a folder of labels, a .jsonl file of lane poses, or a dataset of coco with objects",
+            predictions,
         )
     import_optional("pycocotools", "predictions: the score of objects needs pycocotools")
     from pycocotools.coco import COCO

@@ -11,6 +11,7 @@ from ._environment import auto_replay as auto_replay
 from ._environment import auto_reset as auto_reset
 from ._flat import flatten as flatten
 from ._lane_drive import LaneDrive as LaneDrive
+from ._lane_drive import LaneDriveInfo as LaneDriveInfo
 from ._lane_drive import LaneDriveObservation as LaneDriveObservation
 from ._lane_drive import LaneDriveParams as LaneDriveParams
 from ._lane_drive import pure_pursuit as pure_pursuit
@@ -21,8 +22,12 @@ from ._levels import random_level as random_level
 from ._objects import Objects as Objects
 from ._objects import make_objects as make_objects
 from ._road_nav import RoadNav as RoadNav
+from ._road_nav import RoadNavInfo as RoadNavInfo
+from ._road_nav import RoadNavObservation as RoadNavObservation
 from ._road_nav import RoadNavParams as RoadNavParams
 from ._road_traffic import RoadTraffic as RoadTraffic
+from ._road_traffic_records import RoadTrafficInfo as RoadTrafficInfo
+from ._road_traffic_records import RoadTrafficObservation as RoadTrafficObservation
 from ._road_traffic_records import RoadTrafficParams as RoadTrafficParams
 from ._traffic_levels import TrafficLevels as TrafficLevels
 from ._traffic_levels import make_traffic_levels as make_traffic_levels

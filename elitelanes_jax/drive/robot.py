@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Key
 
 from elitelanes_jax._util.checks import none_or, real
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, traced
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
@@ -101,7 +102,8 @@ def drive(
         commands = jnp.concatenate([shares[None], commands[:-1]])
         age = jnp.arange(_DELAYS, dtype=jnp.float32)
         # A latency between two steps mixes the commands of both, in proportion.
-        assert robot.latency is not None
+        if robot.latency is None:
+            raise InputError("robot", "a latency, as the state of the wheels has", "none")
         weights = jnp.maximum(1 - jnp.abs(age - robot.latency), 0)
         shares = rounded(weights[:, None] * commands).sum(axis=0)
     if robot.noise is not None:

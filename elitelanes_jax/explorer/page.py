@@ -50,7 +50,7 @@ def explore(
         another file; or for the suffix of another format.
       OSError: if it cannot be written.
     """
-    out = Path(check_named("out", file_named(".html"), out))
+    out = Path(check_named("out", file_named(".html", ".htm"), out))
     # A file that may not be replaced is an error before the page is made.
     _check_out(out, force)
     content = page_of(collect(what, tiles=tiles, tile_px=tile_px)).encode()

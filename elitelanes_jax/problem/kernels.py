@@ -110,11 +110,12 @@ def check_fitness(
         (name, *_) = error.args or ("",)
         known = (*feature_names, *SHARES)
         is_town = name in TOWN_FEATURES
-        hint = f"weights={{{name!r}: 0}} measures it" if is_town else suggest(name, known)
+        similar = suggest(name, (*known, *TOWN_FEATURES))
+        hint = f"weights={{{name!r}: 0}} measures it" if is_town else similar
         # Any other key is that of a mapping of the user's.
         if name in known or not hint:
             raise
-        raise InputError("fitness", "features that are measured", repr(name), hint) from None
+        raise InputError("fitness", "features that are measured", repr(name), hint) from error
     is_scalar = getattr(result, "shape", None) == (1,)
     if not is_scalar or not jnp.issubdtype(result.dtype, jnp.number) or result.dtype.kind == "c":
         raise InputError("fitness", f"it {_RETURNS_SCALAR}", _described(result, batch=1))

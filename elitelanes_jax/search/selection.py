@@ -78,14 +78,7 @@ class Choice(NamedTuple):
     def hint(self, search: Search) -> str:
         """Returns what finds more maps with a search."""
         if self.narrowest is not None:
-            # The user may not know of the ranges that a style or an inventory asks for.
-            if self.narrowest == CROSSING and search.settings.style == "town":
-                wider = "where crossings=0.., which allows rings"
-            elif self.narrowest in search.settings.where:
-                wider = f"a wider range than {self.narrowest}"
-            else:
-                wider = f"more {self.narrowest.name} in the inventory"
-            return f"{wider}, more seeds or evaluations"
+            return f"{_wider(self.narrowest, search)}, more seeds or evaluations"
         if search.settings.method == "ea":
             # The population becomes more alike with time.
             return "more seeds"
@@ -179,6 +172,20 @@ def choose_maps(
         alike=int(useful.sum()) - len(distinct),
         narrowest=narrowest,
     )
+
+
+def _wider(narrowest: Range, search: Search) -> str:
+    """Returns what allows more values of a feature than its range in a search."""
+    # The user may not know of the ranges that a style or an inventory asks for.
+    if narrowest == CROSSING and search.settings.style == "town":
+        return "where crossings=0.., which allows rings"
+    limits = {COUNTED[kind]: count for kind, count in search.settings.inventory or ()}
+    if narrowest.high is None or limits.get(narrowest.name) != narrowest.high:
+        return f"a wider range than {narrowest}"
+    more = f"more {narrowest.name} in the inventory"
+    if narrowest.low is None:
+        return more
+    return f"{more}, a wider range than {narrowest._replace(high=None)}"
 
 
 def _narrowest(

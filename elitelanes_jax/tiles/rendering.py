@@ -298,15 +298,16 @@ def record_choice(tiles: TileSet, chosen: NDArray[np.int_]) -> Drawn:
 def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
     """Returns the choice of tiles that a map was drawn with, as `choose_tiles` makes it.
 
-    Returns None if it was drawn with another set or not at all, the set lacks a picture, or a tile
-    does not show its cell's code. A set may have another name, or more tiles, than the map's.
+    Returns None if the map was not drawn, the set lacks a picture, or a tile does not show its
+    cell's code. A set with these pictures may have another name, and more tiles.
     """
     drawn = road_map.drawn
     if drawn is None:
         return None
+    # Without digests, the name of the set is all that is known.
     if drawn.digests is None and drawn.tile_set != tiles.name:
         return None
-    if not (drawn.digests or {}).items() <= tiles.picture_digests.items():
+    if not _has_pictures(tiles, drawn):
         return None
     grid, names, turns = road_map.codes, np.array(drawn.tiles), np.array(drawn.quarter_turns)
     if not names.shape == turns.shape == grid.shape:
@@ -318,13 +319,18 @@ def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
     return chosen if _misfits(grid, tiles, chosen).size == 0 else None
 
 
-def describe_other_pictures(road_map: RoadMap, tiles: TileSet) -> str:
-    """Returns a line about a set that lacks pictures of a map, but has the name of the map's set.
+def _has_pictures(tiles: TileSet, drawn: Drawn) -> bool:
+    """Returns whether a set has all pictures whose digests a map records."""
+    return (drawn.digests or {}).items() <= tiles.picture_digests.items()
 
-    Returns "" if it has them, or another name.
+
+def describe_other_pictures(road_map: RoadMap, tiles: TileSet) -> str:
+    """Returns a line about a set with the name of a map's set but without its pictures.
+
+    Returns "" for any other set.
     """
     drawn = road_map.drawn
-    if drawn is None or drawn.tile_set != tiles.name or recall_choice(road_map, tiles) is not None:
+    if drawn is None or drawn.tile_set != tiles.name or _has_pictures(tiles, drawn):
         return ""
     return f"the tile set {tiles.name!r} has other pictures now; they are chosen anew"
 

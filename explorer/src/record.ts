@@ -31,7 +31,7 @@ function known(run: Run, elite: number): Record<string, unknown> {
   };
 }
 
-/** Returns the digests of the pictures of a map by their names, sorted as Python sorts them. */
+/** Returns the digests of the pictures of a map by their names, sorted. */
 function digestsOf(pictures: readonly number[], data: Data): Record<string, string> {
   const used = [...new Set(pictures.map((picture) => data.tiles.pictures[picture >> 2]))];
   const named = used.flatMap(({ name, digest }) => (digest === undefined ? [] : [[name, digest] as const]));

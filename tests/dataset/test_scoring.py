@@ -84,7 +84,7 @@ def test_wrong_folders_are_named(dataset, tmp_path):
         (tmp_path / file.name).write_text("no picture")
     with refused("predictions", "another file, 0000...png"):
         score_predictions(dataset, tmp_path)
-    with refused("predictions", dataset, expected="layout"):
+    with refused("predictions", dataset / "dataset.json", expected="coco"):
         score_predictions(dataset, dataset / "dataset.json")
     with refused("predictions", "none, nowhere"):
         score_predictions(dataset, "nowhere")
@@ -128,14 +128,14 @@ def test_lane_poses_are_scored_in_centimetres_and_radians(views, tmp_path, capsy
     scores = score_predictions(folder, file)
     assert scores == pytest.approx(
         {
-            "offset, cm": np.median(errors) * 58.5,
-            "offset, cm, 90 %": np.percentile(errors, 90) * 58.5,
-            "angle, rad": np.median(errors),
-            "angle, rad, 90 %": np.percentile(errors, 90),
+            "offset_cm": np.median(errors) * 58.5,
+            "offset_cm_90": np.percentile(errors, 90) * 58.5,
+            "angle_rad": np.median(errors),
+            "angle_rad_90": np.percentile(errors, 90),
         }
     )
     assert main(["score", str(folder), "--predictions", str(file)]) == 0
-    assert capsys.readouterr().out.splitlines()[0] == f"offset, cm        {scores['offset, cm']:.3f}"
+    assert capsys.readouterr().out.splitlines()[0] == f"offset_cm       {scores['offset_cm']:.3f}"
 
 
 @pytest.mark.parametrize(
@@ -157,11 +157,17 @@ def test_a_wrong_lane_pose_is_named_by_its_line(change, place, got, views, tmp_p
 
 
 def test_lane_poses_need_views_of_robots_and_lines_of_json(views, dataset, tmp_path):
-    with refused("predictions", "...out", expected="robots'"):
-        score_predictions(dataset, write_poses(tmp_path, views[1]))
-    (tmp_path / "poses.jsonl").write_bytes(b"\xff\n")
-    with refused("predictions: line 1", "no JSON"):
-        score_predictions(views[0], tmp_path / "poses.jsonl")
+    file = write_poses(tmp_path, views[1])
+    with refused(dataset, "another one", expected="robots'"):
+        score_predictions(dataset, file)
+    # An empty line at the end is none of a picture.
+    file.write_text(f"{file.read_text()}\n")
+    assert score_predictions(views[0], file.rename(tmp_path / "POSES.JSONL"))["offset_cm"] == 0
+    file.write_bytes(b"\xff\n")
+    with refused("predictions: line 1", "another text"):
+        score_predictions(views[0], file)
+    with refused("predictions", tmp_path / "poses.json", expected=".jsonl"):
+        score_predictions(views[0], file.rename(tmp_path / "poses.json"))
 
 
 @pytest.fixture(scope="module")

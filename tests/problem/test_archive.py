@@ -183,7 +183,9 @@ def test_measures_of_archives_are_the_same_in_compiled_code(x64):
     fitness = rng.integers(-2000, 200, (3, 4, 20)).astype(np.int32)
     filled, feasible = rng.random((3, 4, 20)) < 0.7, rng.random(20) < 0.6
     fitness[~filled] = vacant_fitness(np.int32)
-    settings = jax.enable_x64(x64), jax.numpy_rank_promotion("raise"), jax.numpy_dtype_promotion("strict")
+    # JAX before 0.8 has it elsewhere.
+    enable_x64 = jax.enable_x64 if hasattr(jax, "enable_x64") else jax.experimental.enable_x64
+    settings = enable_x64(x64), jax.numpy_rank_promotion("raise"), jax.numpy_dtype_promotion("strict")
     with settings[0], settings[1], settings[2]:
         scores = jax.jit(qd_score)(fitness, filled, 100.0)
         batched = jax.vmap(jax.vmap(lambda one, valid: qd_score(one, valid, worst=0)))(fitness, filled)

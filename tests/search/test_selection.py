@@ -113,6 +113,13 @@ def test_a_hint_names_the_range_that_rejects_most(evolved):
     straights = next(item for item in of_shelf.ranges if item.name == "straights")
     choice = evolved.choose(4)._replace(narrowest=straights)
     assert choice.hint(of_shelf).startswith("more straights in the inventory, ")
+    # Where the user asks for many of them, more tiles alone do not help.
+    both = choice._replace(narrowest=straights._replace(low=straights.high))
+    assert both.hint(of_shelf).startswith(
+        "more straights in the inventory, a wider range than straights=9.., more seeds"
+    )
+    user = choice._replace(narrowest=straights._replace(low=straights.high, high=None))
+    assert user.hint(of_shelf).startswith("a wider range than straights=9.., ")
     rings = choice._replace(narrowest=CROSSING)
     assert rings.hint(again(evolved, style="town").search).startswith("where crossings=0.., which allows rings, ")
 

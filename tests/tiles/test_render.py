@@ -163,6 +163,9 @@ def test_pictures_are_recalled_by_what_they_show(drawn_tiles, drawn_map, tmp_pat
     assert recall_choice(road_map, recut) is None
     assert describe_other_pictures(road_map, recut).startswith(f"the tile set {drawn_tiles.name!r} has other pictures")
     assert describe_other_pictures(RoadMap(GRID), recut) == ""
+    # A map with other codes keeps its record, which says nothing of the set.
+    edited = SimpleNamespace(codes=rotate(GRID, 2), drawn=road_map.drawn)
+    assert recall_choice(edited, drawn_tiles) is None and describe_other_pictures(edited, drawn_tiles) == ""
     # Map files without digests name the set alone.
     unknown = replace(road_map, drawn=road_map.drawn._replace(digests=None))
     assert recall_choice(unknown, recut) is not None and recall_choice(unknown, renamed) is None

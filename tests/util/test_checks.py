@@ -1,5 +1,6 @@
 """Checks of single values, words for messages, and files of arrays: what they refuse."""
 
+import os
 import pickle
 import sys
 import zipfile
@@ -130,3 +131,12 @@ def test_items_without_end_are_refused(read):
     """A list of them would fill the memory."""
     with pytest.raises(InputError):
         read(count())
+
+
+def test_a_file_to_write_has_one_of_the_suffixes(tmp_path):
+    check = file_named(".html", ".htm")
+    assert check(tmp_path / "page.HTM") == tmp_path / "page.HTM" and check(os.devnull) == Path(os.devnull)
+    (tmp_path / "page").touch()
+    for name in ("page", "new", "page.txt", "a" * 300):
+        with refused("", tmp_path / name, expected=".html or .htm"):
+            check(tmp_path / name)
