@@ -159,7 +159,7 @@ class Batch:
     @runs_jax
     def reset(
         self,
-        seeds: Sequence[UserValue] | None = None,
+        seeds: Untyped = None,
         chosen: NDArray[np.bool_] | None = None,
         levels: Sequence[UserValue] | None = None,
     ) -> np.ndarray:
@@ -221,7 +221,7 @@ class Batch:
         indices = [level if is_whole(level) else -1 for level in levels[:: self.robots]]
         return np.resize(np.array(indices, np.int32), self._rows)
 
-    def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:
+    def _seed(self, seeds: Untyped, chosen: NDArray[np.bool_]) -> None:
         """Starts the streams of keys of the chosen environments that have a seed."""
         is_list = hasattr(seeds, "__len__") and getattr(seeds, "ndim", 1) == 1
         if not is_list or len(seeds) != self.envs:

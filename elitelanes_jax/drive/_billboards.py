@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int32, UInt8, UInt32
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, nearest_view
 
 SIDE = 64
@@ -63,7 +63,7 @@ class Floor(NamedTuple):
 
 @name_wrong_arguments
 @runs_jax
-def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
+def make_billboards(views: Mapping[str, UserValue]) -> Billboards:
     """Makes the pictures that cameras show of objects; what has none is not shown.
 
     Each picture is scaled to 64 x 64 pixels. All signs of a kind show the tag of their view.
@@ -75,12 +75,14 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     Raises:
       InputError: for unknown kinds, or arrays of other shapes.
     """
+    checked: dict[str, Mapping[int, AnyArray]] = {}
     for name, pictures in views.items():
         if name not in OBJECT_KINDS:
             raise InputError("objects", f"kinds of {', '.join(OBJECT_KINDS)}", repr(name))
         if not isinstance(pictures, Mapping):
             raise InputError("objects", f"views of {name} by degrees", shorten(repr(pictures)))
-    return pack_billboards([views.get(kind, {}) for kind in OBJECT_KINDS])
+        checked[name] = pictures
+    return pack_billboards([checked.get(kind, {}) for kind in OBJECT_KINDS])
 
 
 def pack_billboards(

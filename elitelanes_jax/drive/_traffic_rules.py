@@ -11,7 +11,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, one_of, whole
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.lanes.movements import EXIT, TURNS
 
 RULES = ("allway_stop", "right_before_left", "traffic_light")
@@ -118,7 +118,7 @@ def check_rule(rule: UserValue) -> TrafficRule:
     return TrafficRule(*map(frozen_copy, rule))
 
 
-def _shape(value: ArrayLike) -> tuple[int, ...] | None:
+def _shape(value: Untyped) -> tuple[int, ...] | None:
     """Returns the shape of an array; None for lists of several lengths."""
     try:
         return np.shape(value)

@@ -52,7 +52,7 @@ class Town:
     def lanes(self) -> Array:
         return self.read(self._levels.lanes)
 
-    def robot_at(self, state: RoadTrafficState) -> Int32[Array, " L*slots"]:
+    def robot_at(self, state: RoadTrafficState) -> Int32[Array, " LS"]:
         """Returns the robot in each slot; R for none."""
         robots = state.lane.size
         empty = jnp.full((self.none + 1) * self.slots, robots, jnp.int32)

@@ -36,7 +36,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 from jaxtyping import Array, Bool, Int, Int8, UInt
 
-from elitelanes_jax._util.types import Tree
+from elitelanes_jax._util.types import Tree, Untyped
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, materialize
 
@@ -175,8 +175,11 @@ class _Arrangement(NamedTuple):
         rows = grids.reshape(-1, self.layout.stride)
         return materialize(_extend(rows, _FAR - 1, _FAR - 1)).reshape(-1)
 
-    def take_apart(self, cells: Array, shape: Sequence[int]) -> Array:
-        """Returns the grids again, without the empty rows, in the shape of the batch."""
+    def take_apart(self, cells: Array, shape: Sequence[Untyped]) -> Array:
+        """Returns the grids again, without the empty rows, in the shape of the batch.
+
+        Its sizes may be symbols of `jax.export`.
+        """
         cells = cells[self.margin : cells.shape[0] - self.margin]
         if self.beside:
             cells = cells.T

@@ -16,7 +16,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, ArrayOrRows
+from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Numeric
 from elitelanes_jax.network.checks import is_traced
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -48,7 +48,7 @@ class Population(NamedTuple):
 
 
 @name_wrong_arguments
-def vacant_fitness(dtype: np.dtype) -> float:
+def vacant_fitness(dtype: np.dtype | type[np.generic]) -> float:
     """Returns the fitness of vacant slots and refused grids.
 
     It is infinity for floats, otherwise the largest int32.
@@ -159,7 +159,7 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
 
 
 @name_wrong_arguments
-def qd_score(fitness: ArrayOrRows, valid: ArrayOrRows, worst: float) -> AnyArray:
+def qd_score(fitness: ArrayOrRows, valid: ArrayOrRows, worst: Numeric) -> AnyArray:
     """Returns the sum over all elites of worst - fitness, if positive; float64 ``[...]``.
 
     `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool

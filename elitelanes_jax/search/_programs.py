@@ -177,7 +177,8 @@ class Programs:
         while first <= last:
             numbers = np.arange(first, min(first + stretch, last + 1))
             began = time.perf_counter()
-            parts, fields = self._advance(setup, keys, parts, numbers[0], numbers[-1])
+            ends = int(numbers[0]), int(numbers[-1])
+            parts, fields = self._advance(setup, keys, parts, *ends)
             seconds = time.perf_counter() - began
             best_fitness, elite_count, refused = fields
             speed = numbers.size * per_step * self._seeds / seconds
