@@ -97,7 +97,10 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _files_of_maps(sources: Sequence[Path]) -> list[Path]:
-    """Returns the files of maps: those that are named, and those in the folders that are named."""
+    """Returns the files of maps: those that are named, and those in the folders that are named.
+
+    A file that is named twice is written once.
+    """
     from elitelanes_jax.maps.given import map_files
 
     files: list[Path] = []
@@ -108,13 +111,10 @@ def _files_of_maps(sources: Sequence[Path]) -> list[Path]:
                 source, "files of maps", "a dataset", "elitelanes pack exports its maps"
             )
         files += map_files(source)
-    places: dict[Path, Path] = {}
+    by_place: dict[Path, Path] = {}
     for file in files:
-        place = file.resolve()
-        if place in places:
-            raise InputError(file, "each map once", f"{places[place]} again")
-        places[place] = file
-    return files
+        by_place.setdefault(file.resolve(), file)
+    return [*by_place.values()]
 
 
 def _export_table(options: argparse.Namespace) -> None:
