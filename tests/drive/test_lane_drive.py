@@ -51,6 +51,7 @@ def test_the_robot_drives_the_arc_of_its_wheels():
         assert wheels.speed == pytest.approx((left + right) / 2, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_steps_have_the_gradients_of_finite_differences(params):
     _, start = LaneDrive.reset(jax.random.key(0), params)
 
