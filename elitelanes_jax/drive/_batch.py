@@ -8,7 +8,6 @@ To its callers, a batch of environments with R robots each has a row for each ro
 takes the seed and the level that its first robot gets.
 """
 
-from collections.abc import Sequence
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -161,7 +160,7 @@ class Batch:
         self,
         seeds: Untyped = None,
         chosen: NDArray[np.bool_] | None = None,
-        levels: Sequence[UserValue] | None = None,
+        levels: Untyped = None,
     ) -> np.ndarray:
         """Starts episodes in the chosen environments, by default in all.
 
@@ -206,7 +205,7 @@ class Batch:
             raise InputError("reset_mask", expected, shorten(repr(chosen)))
         return by_robot[:, 0]
 
-    def _check_levels(self, levels: Sequence[UserValue] | None) -> NDArray[np.int32] | None:
+    def _check_levels(self, levels: Untyped) -> NDArray[np.int32] | None:
         """Returns the index of the level of each row, -1 where it is drawn; None if all are."""
         if levels is None or all(level is None for level in levels):
             return None
