@@ -95,6 +95,8 @@ def drive(
     """Drives for one step with constant speeds of the wheels: along an arc, computed exactly.
 
     A command is clipped to -1 to 1, and NaN is 0. The key is consumed for noise.
+
+    Raises `InputError` if the wheels keep commands for a latency that the robot does not have.
     """
     shares = jnp.clip(jnp.nan_to_num(jnp.asarray(command, jnp.float32), nan=0.0), -1, 1)
     commands = wheels.commands

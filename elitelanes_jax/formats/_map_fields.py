@@ -73,10 +73,10 @@ def is_table(rows: Plain, fits: Callable[[Plain], bool]) -> bool:
 def _is_drawn(value: Plain) -> bool:
     if not isinstance(value, dict) or set(value) | {"digests"} != set(Drawn._fields):
         return False
-    digests = value.get("digests")
-    if not isinstance(value["tile_set"], str) or not isinstance(digests, dict | None):
+    digests = {} if value.get("digests") is None else value["digests"]
+    if not isinstance(value["tile_set"], str) or not isinstance(digests, dict):
         return False
-    if not all(map(_is_text, (*(digests or {}), *(digests or {}).values()))):
+    if not all(map(_is_text, (*digests, *digests.values()))):
         return False
     return is_table(value["tiles"], _is_text) and is_table(value["quarter_turns"], _is_quarter_turn)
 

@@ -87,7 +87,7 @@ class _SplitSize(TypedDict):
 
 
 class PackRecord(_PackSource):
-    """The record of a pack, in ``pack.json``: what it is made from, and its splits by name."""
+    """The record of a pack, in ``pack.json``: its source, and the sizes of its splits by name."""
 
     splits: dict[str, _SplitSize]
 

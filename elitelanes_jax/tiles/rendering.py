@@ -321,7 +321,8 @@ def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
 
 def _has_pictures(tiles: TileSet, drawn: Drawn) -> bool:
     """Returns whether a set has all pictures whose digests a map records."""
-    return (drawn.digests or {}).items() <= tiles.picture_digests.items()
+    # Without digests, the pictures of the set need not be digested.
+    return not drawn.digests or drawn.digests.items() <= tiles.picture_digests.items()
 
 
 def describe_other_pictures(road_map: RoadMap, tiles: TileSet) -> str:

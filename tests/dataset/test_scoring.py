@@ -160,7 +160,7 @@ def test_lane_poses_need_views_of_robots_and_lines_of_json(views, dataset, tmp_p
     file = write_poses(tmp_path, views[1])
     with refused(dataset, "another one", expected="robots'"):
         score_predictions(dataset, file)
-    # An empty line at the end is none of a picture.
+    # An empty line at the end belongs to no picture.
     file.write_text(f"{file.read_text()}\n")
     assert score_predictions(views[0], file.rename(tmp_path / "POSES.JSONL"))["offset_cm"] == 0
     file.write_bytes(b"\xff\n")
