@@ -30,7 +30,7 @@ test: $(READY)
 	$(BIN)/python -m pytest -n auto --dist loadfile --durations 20
 
 test-slow: $(READY)
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 # The types in signatures, with the shapes and dtypes of arrays, are checked at every call.
 test-types: $(READY)
