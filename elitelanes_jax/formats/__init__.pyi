@@ -2,8 +2,8 @@ from .duckietown import without_dead_ends as without_dead_ends
 from .graph import tile_graph as tile_graph
 from .objects import OBJECT_KINDS as OBJECT_KINDS
 from .objects import MapObject as MapObject
-from .plan import Plan as Plan
 from .plan import make_plan as make_plan
+from .plan_pages import Plan as Plan
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import read_map as read_map

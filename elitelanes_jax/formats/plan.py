@@ -1,7 +1,4 @@
-"""A plan to build a map from: which tile lies where, what tape it needs, and what stands on it."""
-
-from pathlib import Path
-from typing import NamedTuple
+"""Makes a plan to build a map from: which tile lies where, what tape it needs, and what stands on it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +6,13 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, real
-from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.plan_pages import PlacedTile, Plan
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.tapes import REFERENCE, TAPE_WIDTHS, tapes_of
-from elitelanes_jax.lanes.links import Cell, ends_of_roads
+from elitelanes_jax.lanes.links import ends_of_roads
 from elitelanes_jax.network.codes import rotate_codes
 from elitelanes_jax.network.loops import gridlock_loop
 
@@ -30,67 +26,6 @@ _TILE = {
     for kind, code in REFERENCE.items()
     for turns in (3, 2, 1, 0)
 }
-
-
-class PlacedTile(NamedTuple):
-    """A tile of a plan.
-
-    Attributes:
-      row: the row of the tile, from 0 in the north.
-      column: the column of the tile, from 0 in the west.
-      kind: straight, turn, crossing3 or crossing4.
-      quarter_turns: the fewest counter-clockwise turns that rotate the tile in `REFERENCE` to this
-        one, 0 to 3.
-    """
-
-    row: int
-    column: int
-    kind: str
-    quarter_turns: int
-
-
-@keeps_copies
-class Plan(NamedTuple):
-    """What it takes to build a map.
-
-    Attributes:
-      shape: rows and columns of tiles.
-      tile_size: the pitch of the tiles in metres.
-      floor: metres from west to east, and from north to south.
-      placed: the tiles, row by row. Each has `row` and `column`, from 0 in the north-west; `kind`:
-        straight, turn, crossing3 or crossing4; and `quarter_turns`, the fewest counter-clockwise
-        turns of this kind's tile. Without turns a straight leads from north to south, a turn from
-        south to west, and a crossing3 has no road to the east.
-      tiles: the number of tiles of each kind, and of empty cells.
-      tape: metres of each colour of tape, with the gaps that are cut into yellow tape.
-      objects: what stands on the map, from north to south.
-      loop: the tiles of the shortest loop, as `network.gridlock_loop` lists them. Fewer robots than
-        these, one on each lane of a tile, can never block each other for ever.
-    """
-
-    shape: tuple[int, int]
-    tile_size: float
-    floor: tuple[float, float]
-    placed: tuple[PlacedTile, ...]
-    tiles: dict[str, int]
-    tape: dict[str, float]
-    objects: tuple[MapObject, ...]
-    loop: tuple[Cell, ...]
-
-    def save(self, file: str | Path) -> None:
-        """Draws the plan with its bill of materials; a PDF also has a check-list.
-
-        Args:
-          file: a name that ends in .pdf, .svg or .png; an existing file is replaced.
-
-        Raises:
-          InputError: for another ending, or without matplotlib.
-          OSError: if the file cannot be written.
-        """
-        # Pages import matplotlib.
-        from elitelanes_jax.formats.plan_pages import write_plan
-
-        write_plan(self, file)
 
 
 @name_wrong_arguments

@@ -13,7 +13,7 @@ from refusals import refused
 
 from elitelanes_jax import RoadMap
 from elitelanes_jax._util.cells import cell_name
-from elitelanes_jax.formats import make_plan, plan_pages, without_dead_ends
+from elitelanes_jax.formats import make_plan, plan_drawing, plan_pages, without_dead_ends
 from elitelanes_jax.formats.tapes import REFERENCE, tapes_of
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, SIDES, rotate_codes
@@ -124,7 +124,7 @@ def test_objects_are_numbered_from_north_to_south_and_arrows_point_ahead():
     plan = make_plan(RoadMap(RING, objects=buses))
     assert [(item.x, item.y) for item in plan.objects] == [places[1], places[2], places[0]]
     page = plan_pages._map_page(plan)
-    arrows = [words for words in page.axes[0].texts if words.get_zorder() == plan_pages._ARROWS]
+    arrows = [words for words in page.axes[0].texts if words.get_zorder() == plan_drawing._ARROWS]
     assert len(arrows) == 3
     for arrow in arrows:
         east, south = np.subtract(arrow.xy, arrow.xyann)
