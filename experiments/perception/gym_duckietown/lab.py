@@ -90,6 +90,7 @@ ROWS = {
     "limit": Row("gym-duckietown's own pictures, 12,480 files", None, "limit", 6000),
     "limit-12000": Row("gym-duckietown's own pictures, 12,480 files, 12,000 steps", None, "limit", 12000),
     "stream-12000": Row("five photographs, stream, 12,000 steps", "photographs", "stream", 12000),
+    "stream-24000": Row("five photographs, stream, 24,000 steps", "photographs", "stream", 24000),
     "committed-labels": Row("drawings: the committed network", None, "committed", task="labels"),
     "photographs-labels": Row("five photographs, stream", "photographs", "stream", 1800, task="labels"),
 }
