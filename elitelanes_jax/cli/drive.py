@@ -5,6 +5,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.errors import InputError, pluralize
+from elitelanes_jax._util.progress import announce
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, file_ending
 from elitelanes_jax.cli.program import say
 
@@ -81,7 +82,12 @@ def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.search.compile_cache import use_compile_cache
-    from elitelanes_jax.tiles.rendering import choose_tiles, png_of, recall_choice
+    from elitelanes_jax.tiles.rendering import (
+        choose_tiles,
+        describe_other_pictures,
+        png_of,
+        recall_choice,
+    )
     from elitelanes_jax.tiles.tileset import load_tiles
 
     # This check comes before the rides, which take longer.
@@ -95,6 +101,8 @@ def _drive(options: argparse.Namespace) -> int:
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     # The ride may fail because of such a fault, so the warning comes before it.
     warn_of_faults(str(options.map), road_map)
+    if line := describe_other_pictures(road_map, tiles):
+        announce(f"{options.map}: {line}")
     policy = options.policy
     if isinstance(policy, Path):
         policy = load_policy(policy)

@@ -143,7 +143,7 @@ def _export_files(options: argparse.Namespace, target: Format, settings: FormatO
         # Faults and limits are those of the map as it was written.
         written = without_ends(road_map, settings.dead_ends)
         warn_of_faults(str(file), written)
-        for limit in settings.limits(options.to, written):
+        for limit in settings.limits(options.to, written, loaded.get("tiles")):
             announce_at_end(str(file), limit)
     say(f"{pluralize(len(maps), 'map')} in {options.out}")
     if settings.dead_ends == "grass":

@@ -335,9 +335,18 @@ class FormatOptions(Record):
             settings["tiles"] = load_tiles(self.tiles)
         return settings
 
-    def limits(self, to: str, road_map: RoadMap) -> list[str]:
-        """Returns what the programs of a format cannot use of a map, or the format of a setting."""
+    def limits(self, to: str, road_map: RoadMap, tiles: "TileSet | None" = None) -> list[str]:
+        """Returns what a format cannot use of a map, of its pictures, or of a setting.
+
+        `tiles` is the tile set of `loaded`; None stands for the package's own.
+        """
         limits = list(FORMATS[to].limits(road_map))
+        if road_map.drawn is not None and "tiles" in FORMATS[to].takes:
+            from elitelanes_jax.tiles.rendering import describe_other_pictures
+            from elitelanes_jax.tiles.tileset import own_tiles
+
+            if line := describe_other_pictures(road_map, tiles or own_tiles()):
+                limits.append(line)
         takes_rule = self.right_of_way is not None and "right_of_way" in FORMATS[to].takes
         if takes_rule and not crossings(road_map.codes):
             limits.append(

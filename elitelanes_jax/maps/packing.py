@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple, TypedDict
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
 from elitelanes_jax.network.likeness import ALIKE, road_forms
 from elitelanes_jax.network.plain_metrics import cut_to_roads
+
+if TYPE_CHECKING:
+    from elitelanes_jax.tiles.tileset import TileSet
 
 RECORD = "pack.json"
 """The file with the settings of a pack."""
@@ -163,12 +166,12 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         write_atomic(work.files / "README.md", card.encode())
         write_sums(work.files)
     maps.announce_left_out()
-    _announce_limits(spec, written)
+    _announce_limits(spec, written, tiles)
     _warn_of_removed_roads(towns, written, maps.names)
     return record
 
 
-def _announce_limits(spec: PackSpec, written: Sequence[RoadMap]) -> None:
+def _announce_limits(spec: PackSpec, written: Sequence[RoadMap], tiles: "TileSet | None") -> None:
     """Says for each format how many maps have a part that its programs cannot use.
 
     The message describes the part that the first of these maps has.
@@ -177,7 +180,7 @@ def _announce_limits(spec: PackSpec, written: Sequence[RoadMap]) -> None:
         # The first part of each map that has one. A map counts once.
         limits: list[str] = []
         for road_map in written:
-            limits += spec.formats.limits(to, road_map)[:1]
+            limits += spec.formats.limits(to, road_map, tiles)[:1]
         if limits:
             share = f"{len(limits)} of {pluralize(len(written), 'map')}"
             announce_at_end(to, f"{share}, the first: {limits[0]}")

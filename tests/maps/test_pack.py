@@ -165,7 +165,7 @@ def test_the_first_map_with_a_part_that_a_program_cannot_use_is_named(monkeypatc
     said, crossing = [], np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]])
     monkeypatch.setattr("elitelanes_jax.maps.packing.announce_at_end", lambda *words: said.append(words))
     maps = [RoadMap(codes) for codes in ([[6, 3], [12, 9]], crossing, np.pad(crossing, 1))]
-    _announce_limits(PackSpec(to=("duckiematrix", "sumo")), maps)
+    _announce_limits(PackSpec(to=("duckiematrix", "sumo")), maps, None)
     ((to, words),) = said
     assert to == "duckiematrix" and words.startswith("2 of 3 maps, the first: ") and "at B2 ([1, 1]);" in words
 
