@@ -187,6 +187,7 @@ def test_without_a_seed_episodes_differ_and_go_on():
     assert (seeded == seeded[0]).all()
 
 
+@pytest.mark.usefixtures("any_types")
 def test_what_is_wrong_is_named():
     batch = Batch(RoadNav, PARAMS, 2, NEXT_STEP)
     real = Batch(LaneDrive, LaneDriveParams(LEVELS), 2, NEXT_STEP)

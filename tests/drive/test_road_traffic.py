@@ -315,6 +315,7 @@ def test_levels_that_robots_cannot_share_are_refused():
             RoadTrafficParams(make_traffic_levels([RING]), rule=wrong)
 
 
+@pytest.mark.usefixtures("any_types")
 def test_a_state_belongs_to_one_town_and_its_robots():
     levels, key = make_traffic_levels([RING]), jax.random.key(0)
     three, four = (RoadTrafficParams(levels, robots=robots) for robots in (3, 4))
@@ -328,6 +329,7 @@ def test_a_state_belongs_to_one_town_and_its_robots():
         RoadTraffic.step(key, batch, np.zeros((2, 3), np.int32), three)
 
 
+@pytest.mark.usefixtures("any_types")
 def test_actions_beyond_32_bits_are_clipped():
     params = RoadTrafficParams(make_traffic_levels([RING]), robots=3)
     _, state = RoadTraffic.reset(jax.random.key(0), params)

@@ -325,6 +325,7 @@ def test_a_move_takes_its_own_number_of_bits(move):
             move.apply(bits, grid)
 
 
+@pytest.mark.usefixtures("any_types")
 def test_a_mate_has_the_shape_of_the_grid():
     move = make_move("transplant")
     with refused("mate", "int8 [4, 4]"):
