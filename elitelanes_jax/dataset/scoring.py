@@ -1,8 +1,9 @@
 """Scores of a network's predictions on a dataset."""
 
 import json
+import operator
 import sys
-from collections.abc import Collection, Container, Iterator
+from collections.abc import Collection, Container, Iterable, Mapping
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -68,12 +69,15 @@ def score_predictions(
             "a folder, or a file of COCO's results or lane poses",
             f"none, {predicted}",
         )
-    if not about["pictures"][split]:
+    count = about["pictures"][split]
+    if not count:
         raise InputError("split", f"one that has pictures in {folder}", split)
+    # The layouts with metadata have a list of the pictures of each split.
+    rows = _read_rows(folder / layout.list_file(index), count)
     if predicted.is_dir():
-        return _score_labels(folder, predicted, layout, index)
+        return _score_labels(folder, predicted, layout, index, rows)
     if predicted.suffix.lower() == ".jsonl":
-        return _score_poses(folder, predicted, layout, index)
+        return _score_poses(folder, predicted, split, rows)
     return _score_boxes(folder, predicted, layout, index)
 
 
@@ -90,21 +94,42 @@ def _read_dataset(folder: Path) -> tuple[Layout, DatasetRecord]:
     return layout, about
 
 
-def _score_labels(folder: Path, predictions: Path, layout: Layout, split: int) -> dict[str, float]:
+def _read_rows(file: Path, count: int) -> dict[int, dict[str, float] | None]:
+    """Reads the list of a split's pictures: the lane pose of each, by its number.
+
+    Without a camera, pictures have no lane pose. `count` is the number of pictures in the record of
+    the dataset.
+    """
+    rows = {}
+    with file.open("rb") as lines:
+        try:
+            for line in lines:
+                row: SampleRecord = json.loads(line)
+                nearest = row.get("nearest")
+                rows[operator.index(row["number"])] = nearest and {
+                    name: float(nearest[name]) for name in _POSE
+                }
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            raise InputError(file, "the list of a split's pictures", "another file") from None
+    if len(rows) != count:
+        raise InputError(file, f"{count:,} pictures, as {RECORD} says", f"{len(rows):,}")
+    return rows
+
+
+def _score_labels(
+    folder: Path, predictions: Path, layout: Layout, split: int, numbers: Iterable[int]
+) -> dict[str, float]:
     """Returns the IoU of each class, and their mean."""
     # Rows have the labels of the dataset, and columns those of the predictions.
     counts = np.zeros((len(LABELS), len(LABELS)), np.int64)
-    for row in _rows(folder, layout, split):
-        number = row["number"]
-        expected = _read_labels(folder / layout.file(split, number, "labels"))
-        predicted = _read_labels(predictions / f"{number:06d}.png")
-        if predicted.shape != expected.shape or predicted.max() >= len(LABELS):
-            got = f"{list(predicted.shape)} with labels to {predicted.max()}"
-            raise InputError(
-                "predictions",
-                f"{list(expected.shape)} with labels 0 to {len(LABELS) - 1}",
-                f"{got}, {number:06d}.png",
-            )
+    for number in numbers:
+        of_dataset = folder / layout.file(split, number, "labels")
+        expected = check_named(str(of_dataset), _read_labels, of_dataset)
+        file = predictions / f"{number:06d}.png"
+        predicted = check_named(f"predictions: {file.name}", _read_labels, file)
+        if predicted.shape != expected.shape:
+            size = f"{list(expected.shape)} pixels, as the dataset has them"
+            raise InputError(f"predictions: {file.name}", size, list(predicted.shape))
         pairs = expected * len(LABELS) + predicted
         counts += np.bincount(pairs.ravel(), minlength=counts.size).reshape(counts.shape)
     both, either = counts.diagonal(), counts.sum(axis=0) + counts.sum(axis=1) - counts.diagonal()
@@ -113,34 +138,32 @@ def _score_labels(folder: Path, predictions: Path, layout: Layout, split: int) -
     return dict(zip(LABELS, shares.tolist(), strict=True)) | {"mean": float(np.nanmean(shares))}
 
 
-def _rows(folder: Path, layout: Layout, split: int) -> Iterator[SampleRecord]:
-    """Reads the metadata of the pictures of a split."""
-    with (folder / layout.list_file(split)).open(encoding="utf-8") as lines:
-        for line in lines:
-            yield json.loads(line)
-
-
 def _read_labels(file: Path) -> NDArray[np.int64]:
+    expected = f"a grey PNG file of labels, 0 to {len(LABELS) - 1}"
     if not file.is_file():
-        raise InputError(
-            "predictions", "a label map for each picture of the split", f"no {file.name}"
-        )
+        raise InputError("", expected, "none")
     labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.ndim != 2:
         got = "another file" if labels is None else "a picture in colours"
-        raise InputError("predictions", "a grey PNG file of labels", f"{got}, {file.name}")
-    # A file of 16 bits is not cut to 8, because that would make label 256 the background.
+        raise InputError("", expected, got)
+    if labels.max() >= len(LABELS):
+        raise InputError("", expected, f"label {labels.max()}")
     return labels.astype(np.int64)
 
 
-def _score_poses(folder: Path, predictions: Path, layout: Layout, split: int) -> dict[str, float]:
+def _score_poses(
+    folder: Path, predictions: Path, split: str, rows: Mapping[int, dict[str, float] | None]
+) -> dict[str, float]:
     """Returns the errors of lane poses."""
-    rows = [*_rows(folder, layout, split)]
-    if "nearest" not in rows[0]:
+    poses = {number: nearest for number, nearest in rows.items() if nearest is not None}
+    if len(poses) < len(rows):
         raise InputError(folder, "a dataset of robots' views, made with --camera", "another one")
-    found = _read_poses(predictions, {row["number"] for row in rows}, SPLITS[split])
+    found = _read_poses(predictions, poses, split)
     errors = np.array(
-        [[found[row["number"]][name] - row["nearest"][name] for name in _POSE] for row in rows]
+        [
+            [found[number][name] - nearest[name] for name in _POSE]
+            for number, nearest in poses.items()
+        ]
     )
     offset = np.abs(errors[:, 0]) * TILE_SIZE * 100
     angle = np.abs((errors[:, 1] + np.pi) % (2 * np.pi) - np.pi)
@@ -205,7 +228,12 @@ def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) ->
 
     # The package prints what it does.
     with redirect_stdout(StringIO()):
-        expected = COCO(str(file))
+        try:
+            expected = COCO(str(file))
+        except (ValueError, KeyError, TypeError, AssertionError, RecursionError):
+            raise InputError(
+                file, "the objects of a split as COCO has them", "another file"
+            ) from None
         found = COCO()
         found.dataset = expected.dataset | {
             "annotations": check_named("predictions", _read_results, predictions, expected)

@@ -53,19 +53,20 @@ def test_the_overlap_of_each_class_is_that_of_counted_pixels(dataset, tmp_path):
 @pytest.mark.parametrize(
     ("change", "got"),
     [
-        (lambda labels: labels[1:], "[79, 80] with labels to 3, 0000...png"),
-        (lambda labels: labels + 4, "[80, 80] with labels to 7, 0000...png"),
+        (lambda labels: labels[1:], "[79, 80]"),
+        (lambda labels: labels + 4, "label 7"),
         # In 8 bits, label 256 would be label 0.
-        (lambda labels: labels.astype(np.uint16) + 256, "[80, 80] with labels to 259, 0000...png"),
+        (lambda labels: labels.astype(np.uint16) + 256, "label 259"),
         (
             lambda labels: np.dstack([labels] * 3),
-            "a picture in colours, 0000...png",
+            "a picture in colours",
         ),
     ],
 )
 def test_wrong_labels_are_named(change, got, dataset, tmp_path):
     predict(dataset, tmp_path / "found", change)
-    with refused("predictions", got):
+    first = min((tmp_path / "found").iterdir())
+    with refused(f"predictions: {first.name}", got):
         score_predictions(dataset, tmp_path / "found")
 
 
@@ -73,16 +74,16 @@ def test_wrong_folders_are_named(dataset, tmp_path):
     with refused(tmp_path, "another one", expected="folder"):
         score_predictions(tmp_path, tmp_path)
     labels = sorted((dataset / "test" / "labels").glob("*.png"))
-    with refused("predictions", f"no {labels[0].name}"):
+    with refused(f"predictions: {labels[0].name}", "none"):
         score_predictions(dataset, tmp_path)
     for file in labels:
         shutil.copy(file, tmp_path)
     (tmp_path / labels[-1].name).unlink()
-    with refused("predictions", f"no {labels[-1].name}"):
+    with refused(f"predictions: {labels[-1].name}", "none"):
         score_predictions(dataset, tmp_path)
     for file in labels:
         (tmp_path / file.name).write_text("no picture")
-    with refused("predictions", "another file, 0000...png"):
+    with refused(f"predictions: {labels[0].name}", "another file"):
         score_predictions(dataset, tmp_path)
     with refused("predictions", dataset / "dataset.json", expected="coco"):
         score_predictions(dataset, dataset / "dataset.json")
@@ -96,6 +97,34 @@ def test_wrong_folders_are_named(dataset, tmp_path):
     make_dataset(small(tile_px=16, format="webdataset"), tmp_path / "tar")
     with refused(tmp_path / "tar", "webdataset"):
         score_predictions(tmp_path / "tar", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda text: text + '{"number": 1',
+        lambda text: text + "{}\n",
+        lambda text: text + "[]\n",
+        lambda text: text.replace('"number": ', '"number": "a", "n": ', 1),
+        lambda text: "",
+        lambda text: text.split("\n", 1)[1],
+    ],
+)
+def test_a_damaged_list_of_pictures_is_named(spoil, dataset, tmp_path):
+    """A list without some of its pictures was scored without them."""
+    shutil.copytree(dataset, tmp_path / "spoilt")
+    file = tmp_path / "spoilt" / "test" / "metadata.jsonl"
+    file.write_text(spoil(file.read_text()))
+    with refused(file):
+        score_predictions(tmp_path / "spoilt", dataset / "test" / "labels")
+
+
+def test_a_missing_label_map_of_the_dataset_is_no_missing_prediction(dataset, tmp_path):
+    shutil.copytree(dataset, tmp_path / "spoilt")
+    file = min((tmp_path / "spoilt" / "test" / "labels").glob("*.png"))
+    file.unlink()
+    with refused(file, "none"):
+        score_predictions(tmp_path / "spoilt", dataset / "test" / "labels")
 
 
 @pytest.fixture
@@ -240,3 +269,14 @@ def test_the_command_names_its_option(detections, tmp_path, capsys):
     (tmp_path / "results.json").write_text("[1]")
     assert main(["score", str(detections[0]), "--predictions", str(tmp_path / "results.json")]) == 2
     assert capsys.readouterr().err.startswith("elitelanes: --predictions: entry 0: expected a table with ")
+
+
+def test_a_damaged_file_of_objects_is_named(detections, tmp_path):
+    out, _ = detections
+    shutil.copytree(out, tmp_path / "spoilt")
+    file = tmp_path / "spoilt" / "annotations" / "objects_test.json"
+    (tmp_path / "results.json").write_text("[]")
+    for text in ("{", "[]", '{"annotations": [{}], "images": []}'):
+        file.write_text(text)
+        with refused(file, "another file"):
+            score_predictions(tmp_path / "spoilt", tmp_path / "results.json")
