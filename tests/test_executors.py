@@ -426,6 +426,11 @@ def test_wrong_parts_of_a_dataset_are_one_line(tmp_path):
         (folders[1] / "dataset.json").write_text(json.dumps(about))
         with refused(tmp_path / "part-2", got):
             merge_dataset(folders, tmp_path / "out")
+    # A missing setting counts as None, as this dataset has it.
+    del record["settings"]["camera"]
+    (folders[1] / "dataset.json").write_text(json.dumps(record))
+    with refused(folders[1] / "dataset.json", "a damaged or another one"):
+        merge_dataset(folders, tmp_path / "out")
     (folders[1] / "dataset.json").write_bytes(before["part-2/dataset.json"])
     with refused("parts", "all but 2/2"):
         merge_dataset(folders[:1], tmp_path / "out")

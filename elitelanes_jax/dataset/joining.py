@@ -60,6 +60,9 @@ def merge_dataset(
     # All parts must have the same settings, and the versions of this process.
     expected = identities[0] | {"versions": installed_versions()}
     ordered = order_parts(folders, numbers, identities, expected, "dataset")
+    # Parts with the same damage would be of one dataset.
+    for folder in ordered:
+        read_checked(folder, RECORD, _read_sums(folder))
     # The layout's package may be missing, which is an error before anything is copied.
     layout = find_layout(expected["settings"]["format"])
     with output_folder(

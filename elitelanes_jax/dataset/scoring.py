@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, is_real, one_of, path
+from elitelanes_jax._util.checks import check_named, is_real, is_whole, one_of, path
 from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain, UserValue
@@ -84,10 +84,13 @@ def score_predictions(
 def _read_dataset(folder: Path) -> tuple[Layout, DatasetRecord]:
     try:
         about = read_dataset_record(folder / RECORD)
-        layout, _ = LAYOUTS[about["settings"]["format"]], about["pictures"]["test"]
+        layout = LAYOUTS[about["settings"]["format"]]
+        complete = all(is_whole(about["pictures"][split]) for split in SPLITS)
     except (OSError, ValueError, KeyError, TypeError):
+        complete = False
+    if not complete:
         got = "another one" if folder.exists() else "none"
-        raise InputError(folder, "a folder of elitelanes dataset", got) from None
+        raise InputError(folder, "a folder of elitelanes dataset", got)
     if layout.metadata is None:
         name = about["settings"]["format"]
         raise InputError(folder, "a dataset of the layout imagefolder or coco", name)
