@@ -13,10 +13,10 @@ __all__ = ["QUICK_FLAGS", "compilations", "forget_programs", "free_programs"]
 # takes half the time, for the same results. Passes that make loops faster took a tenth of the rest.
 _LOOP_PASSES = "simplify-while-loops,while-loop-invariant-code-motion,while-loop-constant-sinking"
 QUICK_FLAGS = f"--xla_cpu_parallel_codegen_split_count=1 --xla_disable_hlo_passes={_LOOP_PASSES}"
-if jax.__version_info__ < (0, 11):
+if (0, 8) <= jax.__version_info__ < (0, 11):
     QUICK_FLAGS += " --xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 else:
-    # This compiler ends a process that names the emitters. At level 0 it rounds in another way in a batch than alone.
+    # At level 0, other compilers round in another way in a batch than alone. New ones refuse the emitters' flag.
     QUICK_FLAGS += " --xla_backend_optimization_level=1"
 
 # The most programs in memory. Each takes memory mappings, and a process has 65,530 of them.

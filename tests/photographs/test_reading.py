@@ -139,7 +139,7 @@ def test_one_changed_byte_that_shifts_what_follows_is_damage(sampling):
     content, rng = cv2.imencode(".jpg", plain, flags)[1].tobytes(), np.random.default_rng(2)
     assert not is_damaged(read_header(content))
     decoded, named, harmful = cv2.imdecode(np.frombuffer(content, np.uint8), 1).astype(int), 0, 0
-    for place in rng.integers(len(content) // 10, len(content) * 9 // 10, 40):
+    for place in rng.integers(len(content) // 10, len(content) * 9 // 10, 120):
         changed = bytearray(content)
         changed[place] ^= int(rng.integers(1, 256))
         header = read_header(bytes(changed))
@@ -148,7 +148,7 @@ def test_one_changed_byte_that_shifts_what_follows_is_damage(sampling):
             continue
         picture = cv2.imdecode(np.frombuffer(bytes(changed), np.uint8), 1)
         harmful += (np.abs(picture - decoded).max(axis=2) > 16).mean() > 0.02
-    assert named > 8 and harmful <= 2
+    assert named > 24 and harmful <= 6
 
 
 def test_a_png_with_a_wrong_profile_of_colours_is_read_without_complaints(tmp_path, capfd):
