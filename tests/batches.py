@@ -176,7 +176,7 @@ def sight():
 
 
 def driven(environment, params, key, action):
-    """Two steps in a loop, also with resets."""
+    """Steps in a loop, also with resets. In the last bit, products may differ in one step of ten."""
     observation, start = environment.reset(key, params)
 
     def ride(environment):
@@ -184,7 +184,7 @@ def driven(environment, params, key, action):
             done = environment.step(key, state, action, params)
             return done.state, done
 
-        return jax.lax.scan(step, start, jax.random.split(key))
+        return jax.lax.scan(step, start, jax.random.split(key, 16))
 
     return observation, ride(environment), ride(drive.auto_reset(environment))
 

@@ -34,7 +34,7 @@ from elitelanes_jax.drive.lanes import (
     lane_length,
     lane_point,
 )
-from elitelanes_jax.drive.robot import TILE, drive, still, to_wheels
+from elitelanes_jax.drive.robot import TILE, drive, still, tiles_driven, to_wheels
 from elitelanes_jax.lanes.movements import LaneNode, Movement
 from elitelanes_jax.network.bits import randint
 from elitelanes_jax.network.sharding import divide_batches
@@ -286,7 +286,7 @@ def _progress(speed: Array, phi: Array, params: LaneDriveParams) -> Float[Array,
     """Returns the tiles driven along the lane in a step; less than 0 against it."""
     facing = jnp.cos(phi)
     # Only the part of the speed in the lane's direction is progress.
-    along = speed * params.robot.dt / TILE * facing
+    along = rounded(tiles_driven(speed, params.robot) * facing)
     # A robot that faces the other way and drives in reverse makes no progress.
     return jnp.where(facing > 0, along, jnp.minimum(along, 0))
 
@@ -370,9 +370,7 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     # An arc from the origin, in direction of x, to a point has twice its y over its squared
     # distance.
     curvature = 2 * left / jnp.maximum(rounded(ahead * ahead) + rounded(left * left), 1e-6)
-    turn = _SPEED / TILE * curvature
     if params.action == "twist":
-        return jnp.clip(
-            jnp.stack([_SPEED / params.robot.top_speed, turn / params.robot.top_turn]), -1, 1
-        )
-    return to_wheels(_SPEED, turn, params.robot)
+        turn = curvature * rounded(_SPEED / TILE / params.robot.top_turn)
+        return jnp.clip(jnp.stack([_SPEED / params.robot.top_speed, turn]), -1, 1)
+    return to_wheels(_SPEED, _SPEED / TILE * curvature, params.robot)

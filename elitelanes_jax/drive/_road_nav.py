@@ -210,7 +210,10 @@ def _step(
     # Without a U-turn a dead end cannot be left.
     stuck = ~success & (jnp.asarray(CONNECTIONS)[grid[node.row, node.column]] < 2)
     earned = jnp.where(success, params.goal_reward, 0) - jnp.where(stuck, params.stuck_cost, 0)
-    spl = jnp.where(success, state.shortest / tiles, 0).astype(jnp.float32)
+    # An agent that succeeds went through `shortest` tiles or more. XLA would multiply by a reciprocal
+    # of `tiles` in a batch of agents that started together.
+    spl = state.shortest / jnp.maximum(tiles, state.shortest)
+    spl = jnp.where(success, spl, 0).astype(jnp.float32)
     info = RoadNavInfo(success, tiles, state.shortest, spl)
     terminated = success | stuck
     seen = _observe(after, params)

@@ -25,6 +25,7 @@ from elitelanes_jax.drive._traffic_town import Town
 from elitelanes_jax.drive._traffic_waits import closes_circle, find_gridlocked, may_cross
 from elitelanes_jax.network.bits import randint, random_bits, split
 from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import rounded
 
 
 @name_wrong_arguments
@@ -187,7 +188,7 @@ def _step(
     nearer = town.distance(state.goal, state.lane) - town.distance(state.goal, lane)
     comes_into_gridlock = after.gridlocked & ~state.gridlocked
     reward = (
-        params.progress_reward * nearer.astype(jnp.float32)
+        rounded(params.progress_reward * nearer.astype(jnp.float32))
         + params.goal_reward * reached.astype(jnp.float32)
         - params.gridlock_cost * comes_into_gridlock.astype(jnp.float32)
     )

@@ -85,8 +85,14 @@ def to_wheels(
     # product is rounded first, because XLA multiplies three factors in different orders.
     half = rounded(rounded(turn) * robot.wheel_distance) / 2
     # Without reciprocals XLA divides in a single program and multiplies by them in a batch.
-    wheels = jnp.stack([speed - half, speed + half], axis=-1) * (1 / robot.top_speed)
+    shares = jnp.stack([speed - half, speed + half], axis=-1)
+    wheels = rounded(shares * rounded(1 / robot.top_speed))
     return wheels / jnp.maximum(jnp.abs(wheels).max(axis=-1, keepdims=True), 1)
+
+
+def tiles_driven(speed: Float[Array, ""], robot: Robot) -> Float[Array, ""]:
+    """Returns the tiles that a robot drives in a step at a speed in metres a second."""
+    return rounded(speed * rounded(robot.dt * (1 / TILE)))
 
 
 def drive(
@@ -109,20 +115,18 @@ def drive(
         weights = jnp.maximum(1 - jnp.abs(age - robot.latency), 0)
         shares = rounded(weights[:, None] * commands).sum(axis=0)
     if robot.noise is not None:
-        shares = shares + rounded(robot.noise * normal(key, (2,)))
-    left = rounded(shares[0] * robot.top_speed * (1 - robot.trim))
-    right = rounded(shares[1] * robot.top_speed * (1 + robot.trim))
-    speed, turn = (left + right) / 2, (right - left) * (1 / robot.wheel_distance)
+        shares = shares + rounded(robot.noise * rounded(normal(key, (2,))))
+    # Each product is rounded before the next factor, because XLA multiplies three factors in
+    # different orders.
+    left = rounded(shares[0] * rounded(robot.top_speed * (1 - robot.trim)))
+    right = rounded(shares[1] * rounded(robot.top_speed * (1 + robot.trim)))
+    speed, turn = (left + right) / 2, rounded((right - left) * rounded(1 / robot.wheel_distance))
     angle = rounded(turn * robot.dt)
     half = angle / 2
     # The robot drives an arc. The chord to its end is as long as the arc times sin(half) / half.
     # Its direction is turned by half of the angle.
-    chord = (
-        speed
-        * robot.dt
-        / TILE
-        * jnp.where(jnp.abs(half) < 1e-3, 1, jnp.sin(half) / jnp.where(half == 0, 1, half))
-    )
+    bend = jnp.where(jnp.abs(half) < 1e-3, 1, jnp.sin(half) / jnp.where(half == 0, 1, half))
+    chord = rounded(tiles_driven(speed, robot) * bend)
     middle = pose.theta + half
     # The axis y points south, so driving north makes it smaller.
     there = Pose(
