@@ -517,8 +517,14 @@ WRONG = {
     "measured: expected each name once, got edges 2 times": lambda: road_problem(
         (4, 4), measured=["edges", "edges"], feature_weights=np.array([2**28, 1])
     ),
-    "features: expected names that no built-in feature has, got 'turns'": lambda: road_problem(
+    "features: expected names that no built-in feature and no column of a table has, got 'turns'": lambda: road_problem(
         (4, 4), measured=["turns"], features={"turns": lambda grid: grid[0, 0]}
+    ),
+    "features: expected names that no built-in feature and no column of a table has, got 'turns_left'": lambda: evolve(
+        0, (4, 4), features={"turns_left": lambda grid: grid[0, 0]}
+    ),
+    "features: expected names that no built-in feature and no column of a table has, got 'niche'": lambda: evolve(
+        0, (4, 4), features={"niche": lambda grid: grid[0, 0]}
     ),
     "features: expected a to return an integer scalar, got int8 of shape (4,)": lambda: road_problem(
         (4, 4), "a:3:1", features={"a": lambda grid: grid[0]}

@@ -51,11 +51,16 @@ class Submission(NamedTuple):
         """Writes a raw archive as an ``.npz``. A board takes archives of `LEAST_RUNS` runs or more.
 
         Raises:
-          InputError: if the grids do not fit the task, for another type or track, or a file whose
-            name does not end in .npz.
+          InputError: if the grids do not fit the task, for another type or track, a task that
+            `find_task` does not have, or a file whose name does not end in .npz.
         """
         out = check_named("file", file_named(".npz"), file)
         grids = _checked_grids(self, str(file))
+        # An archive has the task's name alone.
+        known = check_named("submission: task", find_task, self.task.name)
+        pairs = zip(map(np.asarray, self.task), map(np.asarray, known), strict=True)
+        if not all(np.array_equal(one, other) for one, other in pairs):
+            raise InputError("submission: task", "a task as find_task has it", "a changed one")
         content = io.BytesIO()
         np.savez_compressed(
             content,

@@ -23,7 +23,7 @@ from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.files import MIB, read_input
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats._yaml_tree import yaml_tree
-from elitelanes_jax.formats._yaml_values import FALSE, real_of, table_of, whole_of
+from elitelanes_jax.formats._yaml_values import FALSE, NOTHING, real_of, table_of, whole_of
 from elitelanes_jax.formats.duckietown import GROUNDS, TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import (
     OBJECT_KINDS,
@@ -69,8 +69,6 @@ _KIND_OF_SIGN = {name: kind for kind, name in SIGNS.items()}
 _KIND_OF_SIGN |= {name: kind for kind, name in _SHORT_NAMES.items()}
 _KIND_OF_LAYER = {"citizens": "duckie", "vehicles": "duckiebot", "ground_tags": "floor_tag"}
 
-# The values that stand for nothing. They are texts, because `yaml_tree` keeps all scalars as texts.
-_NOTHING = (None, "", "~", "null", "Null", "NULL")
 _METRES = ("m", "metres", "meters")
 _CELL_IN_NAME = re.compile(r"_(-?\d{1,4})_(-?\d{1,4})$")
 # How far a position may be from a cell, in tiles, or a yaw from a right angle, in radians.
@@ -198,7 +196,7 @@ def _read_layer(folder: Path, name: str) -> dict[str, _Table]:
     layer = None
     if isinstance(values, dict) and name in values:
         layer = values[name]
-        if layer in _NOTHING or layer == []:
+        if layer in NOTHING or layer == []:
             layer = {}
     if not isinstance(layer, dict):
         expected = f"a table of tables under {name!r}"
@@ -208,7 +206,7 @@ def _read_layer(folder: Path, name: str) -> dict[str, _Table]:
         if len(key) > _LONGEST_NAME:
             expected = f"names of at most {_LONGEST_NAME:,} characters"
             raise InputError(file, expected, shorten(key, 40))
-        if isinstance(value, str) and value in _NOTHING:
+        if isinstance(value, str) and value in NOTHING:
             tables[key] = {}
         elif isinstance(value, dict):
             tables[key] = value
@@ -297,7 +295,7 @@ class _Frames:
             relative_pose = check_named(label, _relative_pose, self._frames[frame], self.size)
             pose = relative_pose.then(pose)
             parent = self._frames[frame].get("relative_to")
-            if parent in _NOTHING:
+            if parent in NOTHING:
                 parent = self._above(frame)
             if parent is None or parent == self._root:
                 return pose, parent
@@ -325,7 +323,7 @@ def _relative_pose(frame: _Table, size: float) -> _Pose:
     unit = frame.get("unit")
     if unit == "tiles":
         scale = size
-    elif unit in _NOTHING or unit in _METRES:
+    elif unit in NOTHING or unit in _METRES:
         scale = 1.0
     else:
         raise InputError("unit", "metres or tiles", brief(unit, 40))
@@ -483,7 +481,7 @@ def _read_object(layer: str, values: _Table, x: float, y: float, angle: float) -
     height = real_of(values, "height", OBJECT_KINDS[base_kind(kind)].height)
     tag = None
     # In these layers an id is that of a robot, not of a tag.
-    if layer not in ("citizens", "vehicles") and values.get("id") not in _NOTHING:
+    if layer not in ("citizens", "vehicles") and values.get("id") not in NOTHING:
         tag = whole_of(values, "id")
     return MapObject(kind, x, y, angle, height, tag, values.get("static") not in FALSE)
 
@@ -493,7 +491,7 @@ def _kind_of(layer: str, values: _Table) -> str:
     if layer in _KIND_OF_LAYER:
         return _KIND_OF_LAYER[layer]
     text = values.get("type")
-    if not isinstance(text, str) or text in _NOTHING:
+    if not isinstance(text, str) or text in NOTHING:
         raise InputError("type", "a kind of object", brief(text, 40))
     if layer == "traffic_signs":
         # Maps have several forms of one name: "stop", "sign_stop" and "T-intersection".

@@ -21,6 +21,7 @@ from elitelanes_jax._util.errors import InputError, brief, list_some, shorten
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
+from elitelanes_jax.formats._yaml_values import NOTHING
 from elitelanes_jax.formats.objects import MapObject, check_objects
 from elitelanes_jax.lanes.links import linked_tiles, side_towards
 from elitelanes_jax.network.checks import check_sides, known_grid
@@ -158,14 +159,15 @@ def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject]
     tree = yaml_tree(text)
     values = tree if isinstance(tree, dict) else {}
     grid = _read_tiles(values)
-    if not values.get("objects"):
+    objects = values.get("objects")
+    if not objects or objects in NOTHING:
         return grid, None
     size = values.get("tile_size", TILE_SIZE)
     if isinstance(size, list | dict):
         # A list is shortened here, because the message of the check would contain all of it.
         size = brief(size)
     tile_size = check_named("tile_size", real(0.01, 100, unit="metres"), size)
-    return grid, read_objects(values["objects"], len(grid), tile_size)
+    return grid, read_objects(objects, len(grid), tile_size)
 
 
 def _read_tiles(values: Mapping[str, Plain]) -> Int8[np.ndarray, "H W"]:

@@ -163,7 +163,11 @@ def base_kind(kind: str) -> str:
 def check_kind(kind: UserValue) -> str:
     """Returns the name of a kind of object; raises an `InputError` for an unknown one."""
     if isinstance(kind, str) and _OTHER_KIND.fullmatch(kind):
-        return kind
+        name = kind.removeprefix(OTHER)
+        # Duckietown's files have the name alone, and would be read as the known kind, or as nothing.
+        if name not in OBJECT_KINDS and name.lower() != "null":
+            return kind
+        raise InputError("kind", f"after {OTHER} a name that no known kind has", repr(kind))
     if not isinstance(kind, str) or kind not in OBJECT_KINDS:
         # A misspelt kind gets a suggestion. Any other name may be meant as a kind with the prefix
         # "other:".

@@ -325,8 +325,8 @@ def _row(town: _Town, lanes: int, trips: Sequence[Row]) -> Row:
         "lanes": lanes,
         "trip": round(mean_trip, 3),
     }
-    # A user's feature may have the name of a column. The second merge keeps the value of the
-    # column, the first one its position.
+    # A metric in a file of another program may have the name of a column. The second merge keeps the
+    # value of the column, the first one its position.
     return columns | shorten_coverage(town.road_map.metrics or {}) | columns
 
 

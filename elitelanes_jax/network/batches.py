@@ -30,7 +30,8 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
     batch do not fit its caches. The fitness of 262,144 grids of 12 x 12 tiles takes half of the
     time. On other devices the whole batch is computed at once. The results are those of `jax.vmap`,
     bit for bit, if the kernel's results do not depend on the size of a batch. Those of our kernels
-    do not. A batch that is sharded over devices is divided by `jax.shard_map` first.
+    do not. A batch that is sharded over devices is divided by `jax.shard_map` first. A program that
+    `jax.export` makes for any length computes the whole batch at once too.
 
     Args:
       kernel: a function of pytrees of arrays, such as `measure`, `repair`, or one of your own that
@@ -49,6 +50,9 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
     block = check_named("block", none_or(whole(1)), block)
 
     def in_blocks(*args: Pytree) -> R:
+        # `jax.export` may leave the length open, but `lax.map` divides it into blocks.
+        if not isinstance(jax.tree.leaves(args)[0].shape[0], int):
+            return jax.vmap(kernel)(*args)
         # `lax.map` loops over blocks, and applies `jax.vmap` within each block.
         most = block or max(_NUMBERS // _numbers_of_an_element(args), 1)
         result: R = lax.map(lambda elements: kernel(*elements), args, batch_size=most)

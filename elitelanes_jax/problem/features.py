@@ -61,6 +61,10 @@ With this limit, sums with penalties fit int32 too.
 """
 
 
+# Names that tables of maps give to columns beside features.
+_COLUMNS = {"file", "id", "niche", "split", "height", "width", "fitness", "lanes", "trip"}
+
+
 def is_share(name: str) -> bool:
     """Returns whether a feature is a part of 1, stored in thousandths."""
     return name in SHARES or name in TOWN_PARTS
@@ -146,13 +150,15 @@ def check_features(features: UserValue) -> tuple[str, ...]:
         raise InputError("features", "names", shorten(repr(features)))
     listed = [check_named("features", nonblank, name) for name in features]
     names = check_unique("features", "name", listed)
+    # A map also says how many tiles an inventory has left, such as turns_left.
     taken = {*FEATURES, *TOWN_FEATURES, "constant"}
+    taken |= {f"{name}_left" for name in taken} | _COLUMNS
     for name in names:
         if not name.isidentifier():
             expected = "names of letters, digits and _"
             raise InputError("features", expected, shorten(repr(name), 40))
         if name in taken:
-            expected = "names that no built-in feature has"
+            expected = "names that no built-in feature and no column of a table has"
             raise InputError("features", expected, repr(name))
     return tuple(names)
 

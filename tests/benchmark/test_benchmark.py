@@ -367,6 +367,15 @@ def test_of_equal_grids_in_a_niche_the_first_is_kept():
     np.testing.assert_array_equal(run_task(TASK, search, 1).grids[0, -1, niche], first)
 
 
+@pytest.mark.parametrize("change", [{"evaluations": 20_000}, {"optimum": TASK.optimum + 1}, {"fill": not TASK.fill}])
+def test_runs_on_a_changed_task_are_not_written(change, tmp_path):
+    """The archive has the task's name alone, so another task would be loaded."""
+    task = TASK._replace(**change)
+    with refused("submission: task", "a changed one"):
+        perfect(task).save(tmp_path / "changed.npz")
+    assert not any(tmp_path.iterdir())
+
+
 def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
     task = find_task("5x5A-10000")
     one, other = run_task(task, walk), run_task(task, walk, 10)

@@ -108,7 +108,11 @@ JSON_FILES = [
     thing('"kind": "floor_tag", "x": 1, "y": 0, "height": 0'),
     (thing('"kind": "floor_tag", "x": 1, "y": 0, "height": 0.1'), "height: expected"),
     *[(thing(f'"kind": {text}, "x": 1, "y": 0'), "kind: expected") for text in ('"unicorn"', "null", "1", '"other:"')],
-    *[(thing(f'"kind": "{text}", "x": 1, "y": 0'), "kind: expected") for text in ("other:a b", "other:😀", "Duckie")],
+    *[
+        (thing(f'"kind": "{text}", "x": 1, "y": 0'), "kind: expected")
+        for text in ("other:a b", "other:😀", "Duckie", "other:duckie", "other:other", "other:Null")
+    ],
+    thing('"kind": "other:Duckie", "x": 1, "y": 0'),
     (thing('"kind": "other:' + "a" * 65 + '", "x": 1, "y": 0'), "kind: expected"),
     thing('"kind": "other:' + "a" * 64 + '", "x": 1, "y": 0'),
     # A position may be a little farther outside than one tile, as rounded positions of other formats are.
@@ -193,8 +197,8 @@ YAML_FILES = [
     + "-1: {kind: truck, pos: [1, 1]}, 1: {kind: house, pos: [0, 0]}}\n",
     tiles("4way") + "objects:\n- {kind: cone, pos: [0, 0]}\n- {kind: tree, pos: [1, 0]}\n",
     tiles("4way") + "objects: {__proto__: {kind: cone, pos: [0, 0]}, constructor: {kind: tree, pos: [1, 0]}}\n",
-    *[tiles("4way") + f"objects: {text}\n" for text in ("", "[]", "{}", "''")],
-    *[(tiles("4way") + f"objects: {text}\n", "objects: expected") for text in ("5", "none", "~")],
+    *[tiles("4way") + f"objects: {text}\n" for text in ("", "[]", "{}", "''", "~", "null", "Null", "NULL")],
+    *[(tiles("4way") + f"objects: {text}\n", "objects: expected") for text in ("5", "none")],
     (tiles("4way") + "objects: {a: 5}\n", "objects: a: "),
     (tiles("4way") + "objects: {a: {pos: [0, 0]}}\n", "objects: a: "),
     (tiles("4way") + "objects: {a: {kind: [cone], pos: [0, 0]}}\n", "objects: a: "),
@@ -231,7 +235,10 @@ YAML_FILES = [
     (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], scale: 0.5}]\n", "scale: expected a height"),
     tiles("4way") + "objects: [{kind: cone, pos: [0, 0], scale: 0.5, height: 0.1}]\n",
     tiles("4way") + "objects: [{kind: floor_tag, pos: [0, 0], scale: 0.5}]\n",
-    (tiles("4way") + "objects: [{kind: 'my crane', pos: [0, 0]}]\n", "kind: expected"),
+    *[
+        (tiles("4way") + f"objects: [{{kind: {text}, pos: [0, 0]}}]\n", "kind: expected")
+        for text in ("'my crane'", "null")
+    ],
     (tiles("4way") + "objects: [{kind: 'other:crane', pos: [0, 0]}]\n", "kind: expected"),
     # YAML as people write it.
     "tiles: [\n[straight/N,\t4way],# a row\n[grass, floor] ,\n]\n",

@@ -100,9 +100,7 @@ def test_a_table_has_a_name_as_it_is(kind):
     assert table_to_csv(row for row in rows) == table_to_csv(rows)
 
 
-@pytest.mark.parametrize(
-    "kind", ["null", "yes", "No", "1e3", "0x1F", "12", "1_2", "190", "on", "_", "boat", "x-1.5", "é"]
-)
+@pytest.mark.parametrize("kind", ["yes", "No", "1e3", "0x1F", "12", "1_2", "190", "on", "_", "boat", "x-1.5", "é"])
 def test_a_kind_of_object_is_a_text_in_yaml(kind):
     """PyYAML reads what duckietown-world does."""
     text = to_duckietown(TOWN.codes, objects=[MapObject(f"other:{kind}", 0.5, 0.5, 0, 0.1)])

@@ -4,6 +4,7 @@ import chex
 import jax
 import jax.numpy as jnp
 import pytest
+from jax import export
 from refusals import refused
 
 from elitelanes_jax import measure, random_grids
@@ -26,6 +27,13 @@ def test_pytrees_and_further_axes_are_batched():
     weights = jnp.arange(10).reshape(2, 5)
     got = jax.vmap(vmap_in_blocks(kernel, block=2))((first, second), weights)
     chex.assert_trees_all_equal(got, {"sum": first + second * weights[..., None], "weight": weights})
+
+
+def test_a_program_for_any_length_has_the_same_bits():
+    (count,) = export.symbolic_shape("count")
+    kernel = jax.jit(vmap_in_blocks(measure))
+    exported = export.export(kernel)(jax.ShapeDtypeStruct((count, 3, 4), jnp.int8))
+    chex.assert_trees_all_equal(exported.call(GRIDS), kernel(GRIDS))
 
 
 def test_only_a_processor_works_in_blocks():

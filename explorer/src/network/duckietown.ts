@@ -73,6 +73,9 @@ export function toDuckietown(grid: Grid, objects: readonly MapObject[] = []): st
 const radiansIn = (degrees: number): number => degrees * (Math.PI / 180);
 const withinHalfTurn = (angle: number): number => remainder(angle, 2 * Math.PI);
 
+/** What stands for nothing in YAML. */
+const NOTHING = ["~", "null", "Null", "NULL"];
+
 /** What readers of YAML take for a truth value or for nothing. */
 const YAML_WORDS = ["null", "true", "false", "yes", "no", "on", "off", "y", "n"];
 
@@ -113,7 +116,11 @@ export function mapFromDuckietown(text: string, kinds: ObjectKinds): { grid: Gri
   const values = isTable(content) ? content : NO_FIELDS;
   const grid = gridIn(values);
   const listed = values.get("objects");
-  const isEmpty = !listed || (isList(listed) && !listed.length) || (isTable(listed) && !listed.size);
+  const isEmpty =
+    !listed ||
+    NOTHING.includes(listed as string) ||
+    (isList(listed) && !listed.length) ||
+    (isTable(listed) && !listed.size);
   const objects = isEmpty ? NO_OBJECTS : checkObjects(objectsIn(values, grid.height, kinds), kinds, grid, "");
   return { grid, objects };
 }

@@ -53,6 +53,12 @@ export const degreesOf = (radians: number): number => hundredths(degreesIn(radia
 /** Returns an angle in radians, at most half a turn, from one in degrees. */
 export const radiansOf = (degrees: number): number => (Math.PI / 180) * (degrees - 360 * Math.round(degrees / 360));
 
+/** Returns whether a kind is of an imported map: Duckietown's files have the name alone, which no known kind may have. */
+function isOther(kind: string, kinds: ObjectKinds): boolean {
+  const name = kind.replace("other:", "");
+  return OTHER.test(kind) && !Object.hasOwn(kinds, name) && name.toLowerCase() !== "null";
+}
+
 /** Returns the known kind of a kind: "other" of "other:helicopter". */
 export const baseKind = (kind: string): string => kind.split(":")[0];
 
@@ -75,7 +81,7 @@ export function checkObject(value: unknown, kinds: ObjectKinds, { height, width 
     return one as number;
   };
   const { kind, tag, static: still, ...others } = fields;
-  const isKind = typeof kind === "string" && (Object.hasOwn(kinds, kind) || OTHER.test(kind));
+  const isKind = typeof kind === "string" && (Object.hasOwn(kinds, kind) || isOther(kind, kinds));
   expect("kind", isKind, "a kind of object that Duckietown has, or other:NAME");
   const [usual] = kinds[baseKind(kind as string)];
   for (const name of Object.keys(others))
