@@ -22,12 +22,14 @@ class Area(NamedTuple):
       column: the first column of the part on the map, from 0.
       shape: the rows and columns of the part.
       map_shape: the rows and columns of the whole map.
+      lacks_corner: whether a corner cell of the part is known to be empty.
     """
 
     row: int
     column: int
     shape: tuple[int, int]
     map_shape: tuple[int, int]
+    lacks_corner: bool = False
 
     @staticmethod
     def whole(shape: tuple[int, int]) -> "Area":
@@ -39,7 +41,9 @@ class Area(NamedTuple):
         """Returns the part of a map ``[H, W]`` without its empty border."""
         rows, columns = road_box(codes)
         shape = rows.stop - rows.start, columns.stop - columns.start
-        return Area(rows.start, columns.start, shape, _shape_of(codes))
+        corners = codes[rows, columns][[0, 0, -1, -1], [0, -1, 0, -1]]
+        lacks_corner = not corners.all()
+        return Area(rows.start, columns.start, shape, _shape_of(codes), lacks_corner)
 
     @staticmethod
     def shown(codes: NDArray[np.int8], shape: tuple[int, int]) -> "Area":

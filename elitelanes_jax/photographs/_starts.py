@@ -2,13 +2,16 @@
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.photographs._areas import Area
 from elitelanes_jax.photographs._cells import guessed_cells
 from elitelanes_jax.photographs._kinds import read_kinds
 from elitelanes_jax.photographs._views import FloorView, Points, view_of
+from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.tileset import TileSet
 
 # The tiles from the border to the outer white lines, at which some guesses end.
@@ -27,6 +30,37 @@ class Start(NamedTuple):
     support: float
     view: FloorView
     codes: NDArray[np.int8]
+
+
+def check_corners(photograph: Photograph, corners: Points) -> Points:
+    """Checks four corners in pixels ``[4, 2]``.
+
+    They must be in the photograph, clockwise, around a convex area.
+    """
+    points = np.asarray(corners, np.float64)
+    name = f"{photograph.name}: corners"
+    if points.shape != (4, 2):
+        raise InputError(name, "four points x, y", list(points.shape))
+    if not np.isfinite(points).all():
+        raise InputError(name, "finite numbers", shorten(str(points.tolist())))
+    height, width = photograph.image.shape[:2]
+    # Corners may be outside of the photograph by 2 % of its width.
+    outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
+    if outside.any():
+        size = f"{width} x {height} pixels"
+        if photograph.shrunk > 1:
+            size += f" at 1/{photograph.shrunk} of the file's size"
+        raise InputError(name, f"points in the photograph, {size}", shorten(str(points.tolist())))
+    x, y = points.T
+    # In pixels, whose y points down, corners in clockwise order have a positive area.
+    area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
+    if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
+        raise InputError(
+            name, "the corners of a convex area in order around it", "lines that cross"
+        )
+    if area < 0:
+        raise InputError(name, "them clockwise, as in the photograph", "them counter-clockwise")
+    return points
 
 
 def turn_quad(quad: Points, shape: tuple[int, int], *, is_map: bool) -> list[Points]:

@@ -1,17 +1,16 @@
 """Proposes where the tiles in a photograph are, which kind each is, and how sure that is."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, floor_shape, instance
 from elitelanes_jax._util.copies import keeps_copies
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.photographs._areas import Area
 from elitelanes_jax.photographs._borders import contrasts
@@ -21,6 +20,7 @@ from elitelanes_jax.photographs._fitting import SIDES_OF_TILE, Fit, fit_tile, fi
 from elitelanes_jax.photographs._grey import check_grey_tiles, in_grey, is_grey
 from elitelanes_jax.photographs._judging import (
     CORNERS_GIVEN,
+    LACKS_CORNER,
     SURE,
     judge,
     least_alike_edge,
@@ -29,7 +29,7 @@ from elitelanes_jax.photographs._judging import (
 )
 from elitelanes_jax.photographs._kinds import Kinds, read_kinds
 from elitelanes_jax.photographs._outline import find_corners
-from elitelanes_jax.photographs._starts import Start, quads_of, starts_of, turn_quad
+from elitelanes_jax.photographs._starts import Start, check_corners, quads_of, starts_of, turn_quad
 from elitelanes_jax.photographs._views import (
     FloorView,
     Points,
@@ -217,24 +217,14 @@ def _propose(
     fit: bool,
 ) -> Proposal:
     """Proposes where the tiles of an area are, whose codes ``[H, W]`` may be known."""
-    image, shape, is_map = photograph.image, area.shape, codes is not None
-    is_grey_photograph = is_grey(image)
-    if is_grey_photograph and is_map:
-        # A map tells crossings from straights. Grey tiles then look like their pictures.
+    image, is_map = photograph.image, codes is not None
+    if is_map and is_grey(image):
+        # Coloured pictures have stop lines that a grey crossing lacks.
         tiles = in_grey(tiles)
-    if corners is None:
-        quads = [
-            turned
-            for quad in find_corners(image)
-            for turned in turn_quad(quad, shape, is_map=is_map)
-        ]
-    else:
-        quads = quads_of(area, _check_corners(photograph, corners), image, is_map=is_map)
-    starts = [
-        start
-        for quad in quads
-        for start in starts_of(image, quad, shape, codes, tiles, is_found=corners is None)
-    ]
+    if corners is not None:
+        quads = quads_of(area, check_corners(photograph, corners), image, is_map=is_map)
+        return _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=False)
+    quads = _find_quads(image, area, is_map=is_map, lacks_corner=False)
     if not quads:
         raise InputError(
             photograph.name,
@@ -242,16 +232,56 @@ def _propose(
             "none",
             "give their corners, or photograph them on a floor of another colour",
         )
+    proposal = _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=True)
+    if proposal.score >= SURE or not area.lacks_corner:
+        return proposal
+    # Larger quadrangles are many. They are tried only if the smallest ones do not fit.
+    quads = _find_quads(image, area, is_map=is_map, lacks_corner=True)
+    proposal = _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=True)
+    return proposal if proposal.score >= SURE else proposal._replace(advice=LACKS_CORNER)
+
+
+def _find_quads(
+    image: NDArray[np.uint8], area: Area, *, is_map: bool, lacks_corner: bool
+) -> list[Points]:
+    """Returns guessed quadrangles ``[4, 2]`` in all directions that the tiles may have."""
+    return [
+        turned
+        for quad in find_corners(image, lacks_corner=lacks_corner)
+        for turned in turn_quad(quad, area.shape, is_map=is_map)
+    ]
+
+
+def _propose_at(
+    photograph: Photograph,
+    quads: Sequence[Points],
+    area: Area,
+    codes: NDArray[np.int8] | None,
+    tiles: TileSet,
+    *,
+    fit: bool,
+    is_found: bool,
+) -> Proposal:
+    """Proposes where the tiles of an area are, near one of some quadrangles.
+
+    `is_found` says whether the program found the quadrangles. Otherwise the user gave them.
+    """
+    image, shape, is_map = photograph.image, area.shape, codes is not None
+    starts = [
+        start
+        for quad in quads
+        for start in starts_of(image, quad, shape, codes, tiles, is_found=is_found)
+    ]
     if not starts:
         floor = f"{shape[0]} x {shape[1]} road tiles"
         size = "check the size" if shape != (1, 1) else "give the size of a floor of several tiles"
-        hint = f"{size}, and {'give' if corners is None else 'check'} the corners"
+        hint = f"{size}, and {'give' if is_found else 'check'} the corners"
         raise InputError(photograph.name, floor, "none", hint)
-    if is_grey_photograph and not is_map:
+    if not is_map and is_grey(image):
         check_grey_tiles(photograph, tiles)
     # The user's corners replace this evidence, see `judge`.
     ignored: set[str] = set()
-    if corners is not None:
+    if not is_found:
         ignored |= CORNERS_GIVEN
     if not fit:
         ignored.add("contrast")
@@ -311,37 +341,6 @@ def _corrected_codes(
     if differs.any() and corrected.any():
         return corrected
     return None
-
-
-def _check_corners(photograph: Photograph, corners: Points) -> Points:
-    """Checks four corners in pixels ``[4, 2]``.
-
-    They must be in the photograph, clockwise, around a convex area.
-    """
-    points = np.asarray(corners, np.float64)
-    name = f"{photograph.name}: corners"
-    if points.shape != (4, 2):
-        raise InputError(name, "four points x, y", list(points.shape))
-    if not np.isfinite(points).all():
-        raise InputError(name, "finite numbers", shorten(str(points.tolist())))
-    height, width = photograph.image.shape[:2]
-    # Corners may be outside of the photograph by 2 % of its width.
-    outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
-    if outside.any():
-        size = f"{width} x {height} pixels"
-        if photograph.shrunk > 1:
-            size += f" at 1/{photograph.shrunk} of the file's size"
-        raise InputError(name, f"points in the photograph, {size}", shorten(str(points.tolist())))
-    x, y = points.T
-    # In pixels, whose y points down, corners in clockwise order have a positive area.
-    area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
-    if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
-        raise InputError(
-            name, "the corners of a convex area in order around it", "lines that cross"
-        )
-    if area < 0:
-        raise InputError(name, "them clockwise, as in the photograph", "them counter-clockwise")
-    return points
 
 
 def _proposal(

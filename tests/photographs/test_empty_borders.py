@@ -116,9 +116,35 @@ def test_a_tile_that_lies_in_the_empty_border_is_named(tmp_path, capsys):
     assert "1 tile of 9 differs" in printed
 
 
+GAP = np.array([[6, 3, 0, 0, 0], [10, 12, 5, 3, 0], [12, 5, 5, 9, 0]], np.int8)
+
+
+@pytest.mark.slow
+def test_a_floor_without_a_tile_in_a_corner_is_found_by_its_map(tmp_path, capsys):
+    """The smallest quadrangle around the tiles cuts across the gap."""
+    corners = photographed.corners_of(3, 4)
+    picture = photographed.photograph(GAP[:, :4], corners)
+    proposal = propose_tiles(Photograph("gap", picture), codes=GAP)
+    assert proposal.score > 0.9 and proposal.unsure_cells == []
+    np.testing.assert_allclose(proposal.corners, corners, atol=1.5)
+    photographed.write(tmp_path / "floor.png", picture)
+    (tmp_path / "plan.json").write_text(json.dumps({"codes": GAP.tolist()}))
+    assert main(["tiles", "read", str(tmp_path / "floor.png"), "--against", str(tmp_path / "plan.json")]) == 0
+    assert f"0 tiles of {GAP.size} differ" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_corners_that_a_gap_hides_are_asked_for():
+    """A user was told that the border is not seen, or that the tiles do not repeat."""
+    noise = np.random.default_rng(0).integers(0, 255, (300, 400, 3)).astype(np.uint8)
+    proposal = propose_tiles(Photograph("noise", noise), codes=GAP)
+    assert proposal.score < 0.5
+    assert proposal.advice.startswith("a corner of the floor has no tile") and "give the corners" in proposal.advice
+
+
 def test_an_area_is_cut_and_put_back():
     area = Area.of_roads(MAP)
-    assert area == (0, 1, (3, 4), (4, 5)) and not area.is_whole
+    assert area == (0, 1, (3, 4), (4, 5), False) and not area.is_whole
     np.testing.assert_array_equal(area.cut(MAP), cut_to_roads(MAP))
     np.testing.assert_array_equal(area.put_back(TOWN, 0), MAP)
     assert Area.of_roads(TOWN).is_whole and Area.of_roads(0 * TOWN).is_whole
