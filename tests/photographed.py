@@ -61,6 +61,11 @@ def photograph(codes, corners=None, ground=LINO, seed=0, size=(WIDTH, HEIGHT), t
     return np.clip(picture, 0, 255).astype(np.uint8)
 
 
+def with_border(codes):
+    """A map of these codes with an empty column to the west, and an empty row to the south."""
+    return np.pad(codes, ((0, 1), (1, 0)))
+
+
 def write(file, picture, *flags):
     assert cv2.imwrite(str(file), picture[..., ::-1], list(flags))
 
@@ -80,6 +85,8 @@ def draw_photographs(folder: Path):
     other = TOWN.copy()
     other[0, 0], other[1, 1] = 3, 5
     (folder / "other.json").write_text(f'{{"codes": {other.tolist()}}}')
+    for name, codes in (("bordered", TOWN), ("other-bordered", other)):
+        (folder / f"{name}.json").write_text(f'{{"codes": {with_border(codes).tolist()}}}')
     (folder / "large.json").write_text(f'{{"codes": {np.full((3, 41), 5).tolist()}}}')
     (folder / "bare.json").write_text('{"codes": [[0, 0], [0, 0]]}')
     (folder / "tile.json").write_text('{"codes": [[6]]}')

@@ -16,6 +16,7 @@ from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, chec
 from elitelanes_jax.cli.program import say, warn
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.network.plain_metrics import cut_to_roads
 
 if TYPE_CHECKING:
     import numpy as np
@@ -85,7 +86,7 @@ def add_cut(commands: Commands) -> None:
         metavar="DIR",
         help="folder of the tile set, new or empty",
     )
-    _add_floor(command)
+    _add_floor(command, takes_several=True)
     command.add_argument(
         "--map",
         type=checked_by(_read_plan),
@@ -111,7 +112,7 @@ def add_read(commands: Commands) -> None:
     )
     command.add_argument("photo", type=checked_by(path), metavar="PHOTO", help="a JPEG or PNG file")
     add_shared(command, "--tiles")
-    _add_floor(command)
+    _add_floor(command, takes_several=False)
     command.add_argument(
         "--against", type=checked_by(_read_plan), metavar="MAP", help="the map that was planned"
     )
@@ -126,14 +127,19 @@ def add_read(commands: Commands) -> None:
     )
 
 
-def _add_floor(command: argparse.ArgumentParser) -> None:
+def _add_floor(command: argparse.ArgumentParser, *, takes_several: bool) -> None:
+    """Adds what the user knows of the floor in a photograph, or of those in several photographs."""
+    repeat_size = repeat_corners = ""
+    if takes_several:
+        repeat_size = ". Repeat it for each photograph if the floors differ"
+        repeat_corners = ". Repeat it for each photograph"
     command.add_argument(
         "--size",
         type=checked_by(FLOOR_SIDE),
         nargs=2,
         action="append",
         metavar=("ROWS", "COLUMNS"),
-        help="tiles of the floor. Repeat it for each photograph if the floors differ",
+        help=f"tiles of the floor{repeat_size}",
     )
     command.add_argument(
         "--corners",
@@ -142,7 +148,7 @@ def _add_floor(command: argparse.ArgumentParser) -> None:
         action="append",
         metavar=("X", "Y") * 4,
         help="the corners of the tiles in the photograph, roughly: x and y in pixels, clockwise "
-        "from the top left one; by default they are found. Repeat it for each photograph",
+        f"from the top left one; by default they are found{repeat_corners}",
     )
     command.add_argument(
         "--exact",
@@ -256,7 +262,7 @@ def _read(options: argparse.Namespace) -> int:
         if file is not None:
             check_new(file)
     # The plan does not tell the kinds. It is what they are compared with.
-    found_floor = find_floor(floor._replace(codes=None), options.camera, load_tiles(options.tiles))
+    found_floor = find_floor(floor, options.camera, load_tiles(options.tiles), trusts_map=False)
     # A floor that was not found has no codes that mean anything.
     if found_floor.refusal:
         raise InputError("", "", found_floor.refusal)
@@ -316,13 +322,24 @@ def _floors(
     for file, size, plan, points in zip(files, sizes, maps, corners, strict=True):
         shape = (1, 1) if size is None else tuple(size)
         if plan is not None:
-            if size is not None and shape != plan.codes.shape:
-                rows, columns = plan.codes.shape
-                raise InputError("--size", f"{rows} {columns} like the map", f"{size[0]} {size[1]}")
-            shape = plan.codes.shape
+            laid_shape = cut_to_roads(plan.codes).shape
+            _check_size(size, plan.codes.shape, laid_shape)
+            shape = laid_shape
         codes = None if plan is None else plan.codes
         floors.append(Floor(file, shape, codes, points, options.exact))
     return floors
+
+
+def _check_size(
+    size: Sequence[int] | None, map_shape: tuple[int, ...], laid_shape: tuple[int, ...]
+) -> None:
+    """Checks that a size, if it is given, is that of the map or of the map without its empty border."""
+    if size is None or tuple(size) in (map_shape, laid_shape):
+        return
+    expected = f"{map_shape[0]} {map_shape[1]} like the map"
+    if laid_shape != map_shape:
+        expected += f", or {laid_shape[0]} {laid_shape[1]} without its empty border"
+    raise InputError("--size", expected, f"{size[0]} {size[1]}")
 
 
 def for_each(option: str, values: Sequence[_T], files: Sequence[Path]) -> Sequence[_T]:

@@ -111,10 +111,18 @@ def cut_to_roads(grid: Int8[np.ndarray, "H W"]) -> Int8[np.ndarray, "h w"]:
 
     A grid without tiles is returned whole.
     """
+    return grid[road_box(grid)]
+
+
+def road_box(grid: Int8[np.ndarray, "H W"]) -> tuple[slice, slice]:
+    """Returns the rows and the columns of the smallest box that contains all tiles.
+
+    The box of a grid without tiles is the whole grid.
+    """
     rows, columns = np.flatnonzero(grid.any(axis=1)), np.flatnonzero(grid.any(axis=0))
     if rows.size == 0:
-        return grid
-    return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        return slice(0, grid.shape[0]), slice(0, grid.shape[1])
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def plain_town(grid: ArrayOrRows) -> dict[str, int]:

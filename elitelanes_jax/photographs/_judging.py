@@ -40,6 +40,12 @@ _HIDDEN = (
 )
 
 
+LACKS_CORNER = (
+    "a corner of the floor has no tile, and the floor's corners are not found; give the corners"
+)
+"""What to do if the corners of a floor without a tile in a corner are not found."""
+
+
 class _Limit(NamedTuple):
     """Where evidence gives a score of one half, and what to do if it gives less.
 

@@ -53,6 +53,10 @@ class Kinds(NamedTuple):
     scores: NDArray[np.float64]
     handed: float
 
+    def alike(self, codes: NDArray[np.int8]) -> NDArray[np.float64]:
+        """Returns the correlation of each cell with its code of ``[H, W]``."""
+        return np.take_along_axis(self.scores, codes[..., None].astype(int), -1)[..., 0]
+
 
 def read_kinds(cells: Cells, tiles: TileSet) -> Kinds:
     """Reads the codes of a floor's cells by the pictures of a tile set."""

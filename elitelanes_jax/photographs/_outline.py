@@ -19,14 +19,24 @@ _SEARCH_PX = 400
 _MOST_EDGES = 12
 # The least difference of two guesses, in pixels of the small photograph.
 _SAME = 6
+# The most quadrangles of a mask that are guesses if a corner of the floor has no tile.
+_IF_LACKING = 5
 # The least part of a photograph that tiles cover.
 _LEAST = 0.03
 
 
-def find_corners(image: NDArray[np.uint8]) -> list[Points]:
+def find_corners(image: NDArray[np.uint8], *, lacks_corner: bool = False) -> list[Points]:
     """Returns guesses of the corners of the tiles in a photograph.
 
-    Each guess is float ``[4, 2]`` in pixels, clockwise, the top left corner first.
+    If a corner of the floor has no tile, the smallest quadrangle cuts across the gap. Then larger
+    quadrangles are guesses too.
+
+    Args:
+      image: uint8 ``[H, W, 3]``, RGB.
+      lacks_corner: whether a corner of the floor is known to have no tile.
+
+    Returns:
+      Guesses of float ``[4, 2]`` in pixels, clockwise, the top left corner first.
     """
     scale = _SEARCH_PX / max(image.shape[:2])
     size = max(16, round(image.shape[1] * scale)), max(16, round(image.shape[0] * scale))
@@ -34,9 +44,9 @@ def find_corners(image: NDArray[np.uint8]) -> list[Points]:
     stretch = np.array([image.shape[1], image.shape[0]]) / size
     quads: list[Points] = []
     for mask in (_unlike_border(small), _tape(small), _other_colour(small), _dark(small)):
-        quad = _quadrangle(mask)
-        if quad is not None and all(np.abs(quad - other).max() > _SAME for other in quads):
-            quads.append(quad)
+        for quad in _quadrangles(mask)[: _IF_LACKING if lacks_corner else 1]:
+            if all(np.abs(quad - other).max() > _SAME for other in quads):
+                quads.append(quad)
     return [(quad + 0.5) * stretch - 0.5 for quad in quads]
 
 
@@ -110,11 +120,8 @@ def _other_colour(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[1], np.uint8)
 
 
-def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
-    """Returns the corners of the smallest quadrangle around the largest piece of a mask.
-
-    Returns None if there is no such quadrangle.
-    """
+def _quadrangles(mask: NDArray[np.uint8]) -> list[Points]:
+    """Returns the corners of quadrangles around the largest piece of a mask, the smallest first."""
     # Gaps are closed and holes filled. Then specks and thin strips are removed.
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((17, 17), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -122,10 +129,10 @@ def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
     opened = cv2.morphologyEx(filled, cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
     outlines, _ = cv2.findContours(opened, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not outlines:
-        return None
+        return []
     hull = cv2.convexHull(max(outlines, key=cv2.contourArea))
     if cv2.contourArea(hull) < _LEAST * mask.size:
-        return None
+        return []
     # The sides of the quadrangle are on the longest edges of the hull, in their order around it.
     edges = cv2.approxPolyDP(hull, 0.006 * cv2.arcLength(hull, True), True)[:, 0].astype(np.float64)
     ends = np.roll(edges, -1, axis=0)
@@ -134,7 +141,7 @@ def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
     # In homogeneous coordinates, the cross product of two points is their line, and that of two
     # lines is their point.
     lines = np.cross(np.hstack([edges[longest], one]), np.hstack([ends[longest], one]))
-    best = None
+    around_hull: list[tuple[float, Points]] = []
     for chosen in combinations(range(len(longest)), 4):
         meet = np.cross(lines[list(chosen)], lines[[*chosen[1:], chosen[0]]])
         # Parallel edges do not meet.
@@ -146,9 +153,9 @@ def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
         around = all(
             cv2.pointPolygonTest(quad, tuple(map(float, point)), True) > -3 for point in edges
         )
-        if around and cv2.isContourConvex(quad) and (best is None or area < best[0]):
-            best = area, quad
-    return None if best is None else first_at_top_left(best[1].astype(np.float64))
+        if around and cv2.isContourConvex(quad):
+            around_hull.append((area, first_at_top_left(quad.astype(np.float64))))
+    return [quad for _, quad in sorted(around_hull, key=lambda found: found[0])]
 
 
 def first_at_top_left(corners: Points) -> Points:

@@ -16,6 +16,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
+from elitelanes_jax.network.plain_metrics import road_box
 from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs._views import flatten, places_of
 from elitelanes_jax.photographs.proposals import Proposal
@@ -79,8 +80,9 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
     """
     check_named("photograph: image", check_picture, photograph.image)
     codes, sure = _read_cells(photograph, proposal)
-    rows, columns = codes.shape
-    seen = proposal.view.tile_pixels(rows, columns)
+    rows, columns = road_box(codes)
+    # A floor with these rows and columns has its middle in the middle of the tiles.
+    seen = proposal.view.tile_pixels(rows.start + rows.stop, columns.start + columns.stop)
     # The side is a multiple of 32 pixels.
     tile_px = int(np.clip(round(seen / 32) * 32, *_SIZES))
     cuts: list[Cut] = []

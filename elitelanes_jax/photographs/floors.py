@@ -15,12 +15,12 @@ from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs.cutting import Cut, cut_tiles, write_cuts
 from elitelanes_jax.photographs.lenses import Lens
-from elitelanes_jax.photographs.proposals import Proposal, propose_tiles
+from elitelanes_jax.photographs.proposals import Proposal, propose_plan, propose_tiles
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.photographs.sheet import draw_proposal, draw_sheet
 from elitelanes_jax.tiles.masking import proposal_sheet
 from elitelanes_jax.tiles.rendering import write_png
-from elitelanes_jax.tiles.tileset import TileSet
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 
 class Floor(NamedTuple):
@@ -28,7 +28,8 @@ class Floor(NamedTuple):
 
     Attributes:
       file: the file of the photograph.
-      shape: the rows and columns of tiles; (1, 1) for a single tile.
+      shape: the rows and columns of tiles, without the empty border of a map; (1, 1) for a single
+        tile.
       codes: the codes of the map that is laid ``[H, W]``, None if it is not known.
       corners: the corners of the tiles in pixels of the file ``[4, 2]``, clockwise, roughly; None
         if they are to be found.
@@ -56,27 +57,36 @@ class FoundFloor(NamedTuple):
     refusal: str
 
 
-def find_floor(floor: Floor, lens: Lens | None, tiles: TileSet | None = None) -> FoundFloor:
+def find_floor(
+    floor: Floor, lens: Lens | None, tiles: TileSet | None = None, *, trusts_map: bool = True
+) -> FoundFloor:
     """Finds the tiles in a photograph.
 
     Args:
       floor: the photograph, and what is known of its tiles.
       lens: the lens of the camera, if it is known.
       tiles: pictures that kinds are read with; by default the package's own.
+      trusts_map: whether the floor's codes tell the kinds. Otherwise the codes only tell where
+        tiles may be, and the kinds are read. The proposal then lacks the map's empty border.
 
     Raises:
       InputError: if the photograph cannot be read, or nothing like tiles is found.
     """
     photograph = Photograph.read(floor.file, lens)
     corners = None if floor.corners is None else photograph.pixels_of(floor.corners)
-    proposal = propose_tiles(
-        photograph,
-        shape=floor.shape,
-        corners=corners,
-        codes=floor.codes,
-        tiles=tiles,
-        fit=not floor.exact,
-    )
+    fit = not floor.exact
+    if floor.codes is None or trusts_map:
+        proposal = propose_tiles(
+            photograph,
+            shape=floor.shape,
+            corners=corners,
+            codes=floor.codes,
+            tiles=tiles,
+            fit=fit,
+        )
+    else:
+        tiles = load_tiles() if tiles is None else tiles
+        proposal = propose_plan(photograph, floor.codes, corners=corners, tiles=tiles, fit=fit)
     refusal = "" if proposal.score >= SURE else f"{floor.file}: {proposal.advice}"
     return FoundFloor(photograph, proposal, refusal)
 

@@ -11,6 +11,7 @@ from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF, SIDES, rotate_codes
+from elitelanes_jax.photographs._areas import Area
 from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs._views import Points
 from elitelanes_jax.photographs.proposals import Proposal
@@ -57,34 +58,45 @@ class LaidFloor(NamedTuple):
       unsure: the row and the column, from 0, of each cell whose code is unsure.
       differences: what differs from the plan, by row and column.
       turns: the quarter turns counter-clockwise from the photograph's direction to this one.
+      area: the part of the map that is photographed.
     """
 
     codes: NDArray[np.int8]
     unsure: list[list[int]]
     differences: list[Difference]
     turns: int
+    area: Area
 
     def seen(self, places: Points) -> Points:
         """Returns where positions ``[..., 2]`` of the map are on the floor as it is photographed."""
-        x, y = np.moveaxis(places, -1, 0)
-        height, width = self.codes.shape
+        x, y = np.moveaxis(places - self.area.first, -1, 0)
+        height, width = self.area.shape
         for _ in range(self.turns):
             x, y, height, width = height - y, x, width, height
         return np.stack([x, y], axis=-1)
 
 
 def read_laid(proposal: Proposal, plan: NDArray[np.int8] | None = None) -> LaidFloor:
-    """Returns the map of the floor that a proposal found, compared with a plan of its shape.
+    """Returns the map of the floor that a proposal found, compared with a plan.
 
-    A photograph may be taken from any side of the floor. The direction that agrees most with the
-    plan counts.
+    The floor has the shape of the plan, or of the plan without its empty border. A photograph may
+    be taken from any side of the floor. The direction that agrees most with the plan counts.
+
+    Raises:
+      InputError: for a plan of another shape.
     """
     codes = np.array(proposal.codes, np.int8)
-    turns = 0 if plan is None else turn_to_plan(codes, plan)
-    turned = turn_floor(codes, turns)
-    unsure = np.argwhere(np.rot90(proposal.sure, turns) < SURE).tolist()
-    differences = [] if plan is None else find_differences(turned, plan)
-    return LaidFloor(turned, unsure, differences, turns)
+    shape = len(codes), codes.shape[1]
+    if plan is None:
+        area, turns = Area.whole(shape), 0
+    else:
+        area = Area.shown(plan, shape)
+        turns = turn_to_plan(codes, area.cut(plan))
+    laid = area.put_back(turn_floor(codes, turns), 0)
+    sure = area.put_back(np.rot90(np.array(proposal.sure), turns), 1.0)
+    unsure = np.argwhere(sure < SURE).tolist()
+    differences = [] if plan is None else find_differences(laid, plan)
+    return LaidFloor(laid, unsure, differences, turns, area)
 
 
 def turn_to_plan(codes: ArrayLike, plan: ArrayLike) -> int:

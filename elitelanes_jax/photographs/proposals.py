@@ -1,23 +1,26 @@
 """Proposes where the tiles in a photograph are, which kind each is, and how sure that is."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, floor_shape, instance
 from elitelanes_jax._util.copies import keeps_copies
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.photographs._areas import Area
 from elitelanes_jax.photographs._borders import contrasts
-from elitelanes_jax.photographs._cells import fitted_cells, guessed_cells
+from elitelanes_jax.photographs._cells import fitted_cells
 from elitelanes_jax.photographs._equations import largest_spread
 from elitelanes_jax.photographs._fitting import SIDES_OF_TILE, Fit, fit_tile, fit_view
+from elitelanes_jax.photographs._grey import check_grey_tiles, in_grey, is_grey
 from elitelanes_jax.photographs._judging import (
     CORNERS_GIVEN,
+    LACKS_CORNER,
     SURE,
     judge,
     least_alike_edge,
@@ -26,18 +29,16 @@ from elitelanes_jax.photographs._judging import (
 )
 from elitelanes_jax.photographs._kinds import Kinds, read_kinds
 from elitelanes_jax.photographs._outline import find_corners
+from elitelanes_jax.photographs._starts import Start, check_corners, quads_of, starts_of, turn_quad
 from elitelanes_jax.photographs._views import (
     FloorView,
     Points,
     floor_corners,
-    view_of,
 )
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.files import check_picture
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
-# The tiles from the border to the outer white lines, at which some guesses end.
-_TAPE_INSET = 0.07
 # The most guesses that are fitted.
 _STARTS = 3
 # The score at which no other guess is tried.
@@ -59,7 +60,7 @@ class Proposal(NamedTuple):
       width: the width of the photograph in pixels.
       height: the height of the photograph in pixels.
       corners: the corners of the tiles in pixels, x and y, ``[4][2]``: clockwise, from the first
-        row's first tile.
+        row's first tile. A map's empty border is outside of them.
       homography: ``[3][3]``, from tiles (x to the right, y down) to pixels without distortion.
       radial: distortion of the lens: a point at the distance r from the photograph's centre, in
         half diagonals, is seen at r + radial * r**3.
@@ -93,25 +94,6 @@ class Proposal(NamedTuple):
         return FloorView(np.array(self.homography), self.radial, self.width, self.height)
 
 
-# The largest difference of the channels of a grey picture, in levels. Programs that save it in
-# colours may round its channels to different levels.
-_GREY = 4
-
-
-class _Start(NamedTuple):
-    """A guess of a view.
-
-    Attributes:
-      support: the mean correlation of the cells with pictures of their codes, up to 1.
-      view: the guessed view of the floor.
-      codes: int8 ``[H, W]``, the codes of the floor in this view; 0 is a cell without a tile.
-    """
-
-    support: float
-    view: FloorView
-    codes: NDArray[np.int8]
-
-
 @name_wrong_arguments
 def propose_tiles(
     photograph: Photograph,
@@ -130,9 +112,10 @@ def propose_tiles(
         tile may lie in any direction.
       corners: the corners of all tiles in pixels of `photograph.image` ``[4, 2]``, clockwise from
         the first row's first tile, off by up to a tenth of a tile. By default they are found. The
-        image of a photograph that was read with a lens is straightened.
-      codes: the codes of the map that is laid, ``[H, W]``, in any of the four directions. By
-        default they are read.
+        image of a photograph that was read with a lens is straightened. They may also be the
+        corners of the whole map of `codes`, with its empty border.
+      codes: the codes of the map that is laid, ``[H, W]``, in any of the four directions. Nothing
+        is looked for in the empty rows and columns at its border. By default the codes are read.
       tiles: pictures that kinds are read with; by default the package's own.
       fit: whether the corners are fitted to the photograph, or taken as they are.
 
@@ -141,23 +124,107 @@ def propose_tiles(
         photograph is not uint8 ``[H, W, 3]``; and for a grey photograph without `codes`, unless
         `tiles` are grey too.
     """
-    image = photograph.image
-    check_named("photograph: image", check_picture, image)
-    if codes is None:
-        shape = check_named("shape", floor_shape, shape)
-    else:
-        codes = np.asarray(check_named("codes", check_grid, codes))
-        shape = check_named("codes", floor_shape, codes.shape)
+    check_named("photograph: image", check_picture, photograph.image)
     if tiles is None:
         tiles = load_tiles()
     check_named("tiles", instance(TileSet), tiles)
-    if corners is None:
-        quads = find_corners(image)
-    else:
-        quads = [_check_corners(photograph, corners)]
-    starts: list[_Start] = []
-    for quad in quads:
-        starts += _starts(image, quad, shape, codes, tiles, corners is None)
+    if codes is None:
+        area = Area.whole(check_named("shape", floor_shape, shape))
+        return _propose(photograph, area, corners, None, tiles, fit=fit)
+    codes = np.asarray(check_named("codes", check_grid, codes))
+    check_named("codes", floor_shape, codes.shape)
+    area = Area.of_roads(codes)
+    proposal = _propose(photograph, area, corners, area.cut(codes), tiles, fit=fit)
+    return _on_map(proposal, area)
+
+
+def propose_plan(
+    photograph: Photograph,
+    plan: NDArray[np.int8],
+    *,
+    corners: Points | None,
+    tiles: TileSet,
+    fit: bool,
+) -> Proposal:
+    """Proposes where the tiles of a planned floor are, and reads their kinds.
+
+    The proposal has the cells of the plan's part with roads only. If tiles lie in the plan's empty
+    border, it has all cells.
+
+    Args:
+      photograph: the photograph, from `Photograph.read`.
+      plan: the codes of the map that is planned ``[H, W]``. It does not tell the kinds.
+      corners: as for `propose_tiles`.
+      tiles: pictures that kinds are read with.
+      fit: whether the corners are fitted to the photograph, or taken as they are.
+
+    Raises:
+      InputError: as `propose_tiles` without `codes`.
+    """
+    roads = Area.of_roads(plan)
+    # If the user gives the corners of the whole plan, tiles in its empty border are seen too.
+    if corners is not None:
+        larger = _propose_larger(photograph, roads, corners, tiles, fit=fit)
+        if larger is not None:
+            return larger
+    proposal = _propose(photograph, roads, corners, None, tiles, fit=fit)
+    if corners is None and proposal.score < SURE:
+        larger = _propose_larger(photograph, roads, corners, tiles, fit=fit)
+        if larger is not None:
+            return larger
+    return proposal
+
+
+def _propose_larger(
+    photograph: Photograph, roads: Area, corners: Points | None, tiles: TileSet, *, fit: bool
+) -> Proposal | None:
+    """Proposes a floor as large as the whole map.
+
+    Tiles that were laid in the map's empty border by mistake make such a floor. Returns None if
+    that is not sure.
+    """
+    if roads.is_whole:
+        return None
+    with suppress(InputError):
+        whole = Area.whole(roads.map_shape)
+        proposal = _propose(photograph, whole, corners, None, tiles, fit=fit)
+        if proposal.score >= SURE:
+            return proposal
+    return None
+
+
+def _on_map(proposal: Proposal, area: Area) -> Proposal:
+    """Returns the proposal of a map's part with the cells of the whole map.
+
+    Nobody sees the cells of the map's empty border. They are empty in the proposal, and sure.
+    """
+    to_part = np.eye(3)
+    to_part[:2, 2] = -area.first
+    return proposal._replace(
+        homography=(np.array(proposal.homography) @ to_part).tolist(),
+        codes=area.put_back(np.array(proposal.codes, np.int8), 0).tolist(),
+        sure=area.put_back(np.array(proposal.sure), 1.0).tolist(),
+    )
+
+
+def _propose(
+    photograph: Photograph,
+    area: Area,
+    corners: Points | None,
+    codes: NDArray[np.int8] | None,
+    tiles: TileSet,
+    *,
+    fit: bool,
+) -> Proposal:
+    """Proposes where the tiles of an area are, whose codes ``[H, W]`` may be known."""
+    image, is_map = photograph.image, codes is not None
+    if is_map and is_grey(image):
+        # Coloured pictures have stop lines that a grey crossing lacks.
+        tiles = in_grey(tiles)
+    if corners is not None:
+        quads = quads_of(area, check_corners(photograph, corners), image, is_map=is_map)
+        return _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=False)
+    quads = _find_quads(image, area, is_map=is_map, lacks_corner=False)
     if not quads:
         raise InputError(
             photograph.name,
@@ -165,16 +232,56 @@ def propose_tiles(
             "none",
             "give their corners, or photograph them on a floor of another colour",
         )
+    proposal = _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=True)
+    if proposal.score >= SURE or not area.lacks_corner:
+        return proposal
+    # Larger quadrangles are many. They are tried only if the smallest ones do not fit.
+    quads = _find_quads(image, area, is_map=is_map, lacks_corner=True)
+    proposal = _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=True)
+    return proposal if proposal.score >= SURE else proposal._replace(advice=LACKS_CORNER)
+
+
+def _find_quads(
+    image: NDArray[np.uint8], area: Area, *, is_map: bool, lacks_corner: bool
+) -> list[Points]:
+    """Returns guessed quadrangles ``[4, 2]`` in all directions that the tiles may have."""
+    return [
+        turned
+        for quad in find_corners(image, lacks_corner=lacks_corner)
+        for turned in turn_quad(quad, area.shape, is_map=is_map)
+    ]
+
+
+def _propose_at(
+    photograph: Photograph,
+    quads: Sequence[Points],
+    area: Area,
+    codes: NDArray[np.int8] | None,
+    tiles: TileSet,
+    *,
+    fit: bool,
+    is_found: bool,
+) -> Proposal:
+    """Proposes where the tiles of an area are, near one of some quadrangles.
+
+    `is_found` says whether the program found the quadrangles. Otherwise the user gave them.
+    """
+    image, shape, is_map = photograph.image, area.shape, codes is not None
+    starts = [
+        start
+        for quad in quads
+        for start in starts_of(image, quad, shape, codes, tiles, is_found=is_found)
+    ]
     if not starts:
         floor = f"{shape[0]} x {shape[1]} road tiles"
         size = "check the size" if shape != (1, 1) else "give the size of a floor of several tiles"
-        hint = f"{size}, and {'give' if corners is None else 'check'} the corners"
+        hint = f"{size}, and {'give' if is_found else 'check'} the corners"
         raise InputError(photograph.name, floor, "none", hint)
-    if codes is None and _is_grey(image):
-        _check_grey_tiles(photograph, tiles)
+    if not is_map and is_grey(image):
+        check_grey_tiles(photograph, tiles)
     # The user's corners replace this evidence, see `judge`.
     ignored: set[str] = set()
-    if corners is not None:
+    if not is_found:
         ignored |= CORNERS_GIVEN
     if not fit:
         ignored.add("contrast")
@@ -183,7 +290,7 @@ def propose_tiles(
     proposals = []
     for start in starts[: _STARTS if fit else 1]:
         if fit:
-            fitted, kinds = _fit(image, start, shape, tiles, is_map=codes is not None)
+            fitted, kinds = _fit(image, start, shape, tiles, is_map=is_map)
         else:
             # Exact corners have nearly no spread, and all of their border counts as seen.
             fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
@@ -196,7 +303,7 @@ def propose_tiles(
 
 def _fit(
     image: NDArray[np.uint8],
-    start: _Start,
+    start: Start,
     shape: tuple[int, int],
     tiles: TileSet,
     *,
@@ -214,26 +321,6 @@ def _fit(
         fitted = fit_view(image, fitted.view, corrected)
         kinds = read_kinds(fitted_cells(image, fitted.view, shape), tiles)
     return fitted, kinds
-
-
-def _is_grey(image: NDArray[np.uint8]) -> bool:
-    """Returns whether red, green and blue are the same at each pixel."""
-    red, green, blue = cv2.split(image)
-    differences = cv2.absdiff(red, green).max(), cv2.absdiff(green, blue).max()
-    return max(differences) <= _GREY
-
-
-def _check_grey_tiles(photograph: Photograph, tiles: TileSet) -> None:
-    """Raises `InputError` unless the tiles of a set are grey too.
-
-    Compared with coloured tiles, grey crossings are read as straights.
-    """
-    if not all(_is_grey(tile.image) for tile in tiles.tiles):
-        raise InputError(
-            photograph.name,
-            "a photograph in colours, which tell crossings from straights",
-            "a grey one",
-        )
 
 
 def _corrected_codes(
@@ -256,78 +343,6 @@ def _corrected_codes(
     return None
 
 
-def _check_corners(photograph: Photograph, corners: Points) -> Points:
-    """Checks four corners in pixels ``[4, 2]``.
-
-    They must be in the photograph, clockwise, around a convex area.
-    """
-    points = np.asarray(corners, np.float64)
-    name = f"{photograph.name}: corners"
-    if points.shape != (4, 2):
-        raise InputError(name, "four points x, y", list(points.shape))
-    if not np.isfinite(points).all():
-        raise InputError(name, "finite numbers", shorten(str(points.tolist())))
-    height, width = photograph.image.shape[:2]
-    # Corners may be outside of the photograph by 2 % of its width.
-    outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
-    if outside.any():
-        size = f"{width} x {height} pixels"
-        if photograph.shrunk > 1:
-            size += f" at 1/{photograph.shrunk} of the file's size"
-        raise InputError(name, f"points in the photograph, {size}", shorten(str(points.tolist())))
-    x, y = points.T
-    # In pixels, whose y points down, corners in clockwise order have a positive area.
-    area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
-    if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
-        raise InputError(
-            name, "the corners of a convex area in order around it", "lines that cross"
-        )
-    if area < 0:
-        raise InputError(name, "them clockwise, as in the photograph", "them counter-clockwise")
-    return points
-
-
-def _starts(
-    image: NDArray[np.uint8],
-    quad: Points,
-    shape: tuple[int, int],
-    codes: NDArray[np.int8] | None,
-    tiles: TileSet,
-    found: bool,
-) -> list[_Start]:
-    """Returns the views of a quadrangle in all directions that the tiles may have."""
-    rows, columns = shape
-    if shape == (1, 1):
-        quads = [quad]
-    elif codes is not None:
-        # A map may be laid in each of the four directions.
-        quads = [np.roll(quad, -turn, axis=0) for turn in range(4)]
-    else:
-        # Rows may run along either pair of sides. Of the two other directions, the one that begins
-        # nearer to the top left counts.
-        turned = np.roll(quad, -1, axis=0)
-        upright = min(turned, np.roll(turned, -2, axis=0), key=lambda corners: corners[0].sum())
-        quads = [quad] if rows == columns else [quad, upright]
-    starts = []
-    for corners in quads:
-        for inset in (0.0, _TAPE_INSET) if found and shape != (1, 1) else (0.0,):
-            view = view_of(corners, rows, columns, image.shape[1], image.shape[0])
-            if inset:
-                # If the guess ends at the white lines, the border is outside of it.
-                low, right, bottom = -inset, columns + inset, rows + inset
-                outer = np.array([[low, low], [right, low], [right, bottom], [low, bottom]])
-                view = view_of(view.pixels_of(outer), rows, columns, view.width, view.height)
-            kinds = read_kinds(guessed_cells(image, view, shape), tiles)
-            laid = kinds.codes if codes is None else codes
-            if laid.any():
-                starts.append(_Start(float(_alike(kinds, laid).mean()), view, laid))
-    return starts
-
-
-def _alike(kinds: Kinds, codes: NDArray[np.int8]) -> NDArray[np.float64]:
-    return np.take_along_axis(kinds.scores, codes[..., None].astype(int), -1)[..., 0]
-
-
 def _proposal(
     photograph: Photograph,
     fit: Fit,
@@ -339,7 +354,7 @@ def _proposal(
     rows, columns = laid.shape
     height, width = photograph.image.shape[:2]
     corners = fit.view.pixels_of(floor_corners(rows, columns))
-    alike = _alike(kinds, laid)
+    alike = kinds.alike(laid)
     evidence = {
         "alike": float(alike[laid > 0].mean()) if laid.any() else 0.0,
         "repeats": fit.alike,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.cells import column_name, describe_cell
 from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.network.plain_metrics import road_box
 from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs._views import FloorView, Points
 from elitelanes_jax.photographs.laid import LaidFloor, read_laid
@@ -75,10 +76,9 @@ def draw_laid(photograph: Photograph, proposal: Proposal, laid: LaidFloor) -> ND
     Cells that differ from the plan are red, and unsure ones orange. Lines below the photograph say
     what was expected and what lies there.
     """
-    rows, columns = laid.codes.shape
-    marks = {
-        (row, column): Mark("", _FAINT_INK, 1) for row in range(rows) for column in range(columns)
-    }
+    # Cells of the plan's empty border may be outside of the photograph, and behind the camera.
+    rows, columns = map(_indices, road_box(laid.codes))
+    marks = {(row, column): Mark("", _FAINT_INK, 1) for row in rows for column in columns}
     for row, column in laid.unsure:
         marks[row, column] = Mark("unsure", _UNSURE_INK, 3)
     for difference in laid.differences:
@@ -125,22 +125,29 @@ def _draw_marks(
     for (row, column), mark in marks.items():
         place = np.array([column + 0.5, row + 0.5])
         _write_at(picture, view.pixels_of(laid.seen(place)), mark.words, scale)
-    for place, name in _names(*laid.codes.shape):
+    for place, name in _names(laid.codes):
         _write_at(picture, view.pixels_of(laid.seen(place)), name, scale)
     return picture
 
 
-def _names(rows: int, columns: int) -> list[tuple[Points, str]]:
-    """Returns the names of columns and rows, and where they are around the floor, in tiles."""
-    if (rows, columns) == (1, 1):
+def _names(codes: NDArray[np.int8]) -> list[tuple[Points, str]]:
+    """Returns the names of columns and rows, and where they are around the tiles, in tiles."""
+    if codes.size == 1:
         return []
     names = []
-    for column in range(columns):
+    rows, columns = road_box(codes)
+    for column in _indices(columns):
         name = column_name(column)
-        names += [(np.array([column + 0.5, y]), name) for y in (-_BESIDE, rows + _BESIDE)]
-    for row in range(rows):
-        names += [(np.array([x, row + 0.5]), str(row + 1)) for x in (-_BESIDE, columns + _BESIDE)]
+        beside = rows.start - _BESIDE, rows.stop + _BESIDE
+        names += [(np.array([column + 0.5, y]), name) for y in beside]
+    for row in _indices(rows):
+        beside = columns.start - _BESIDE, columns.stop + _BESIDE
+        names += [(np.array([x, row + 0.5]), str(row + 1)) for x in beside]
     return names
+
+
+def _indices(cells: slice) -> range:
+    return range(cells.start, cells.stop)
 
 
 def _write_at(picture: NDArray[np.uint8], pixel: Points, words: str, scale: float) -> None:
