@@ -38,12 +38,8 @@ _HIDDEN = (
     "the tile's border is not seen; photograph it on a floor of another colour, "
     "or give its exact corners"
 )
-
-
-LACKS_CORNER = (
-    "a corner of the floor has no tile, and the floor's corners are not found; give the corners"
-)
-"""What to do if the corners of a floor without a tile in a corner are not found."""
+LACKS_CORNER = "a corner of the floor has no tile, which hides the floor's corners: give them"
+"""What may explain that a floor without a tile in a corner is not found."""
 
 
 class _Limit(NamedTuple):

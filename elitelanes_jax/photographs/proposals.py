@@ -237,8 +237,11 @@ def _propose(
         return proposal
     # Larger quadrangles are many. They are tried only if the smallest ones do not fit.
     quads = _find_quads(image, area, is_map=is_map, lacks_corner=True)
-    proposal = _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=True)
-    return proposal if proposal.score >= SURE else proposal._replace(advice=LACKS_CORNER)
+    larger = _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=True)
+    proposal = max(proposal, larger, key=lambda found: found.score)
+    if proposal.score >= SURE:
+        return proposal
+    return proposal._replace(advice=f"{proposal.advice}; {LACKS_CORNER}")
 
 
 def _find_quads(
