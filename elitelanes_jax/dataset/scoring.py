@@ -108,10 +108,10 @@ def _read_rows(file: Path, count: int) -> dict[int, dict[str, float] | None]:
         try:
             for line in lines:
                 row: SampleRecord = json.loads(line)
-                nearest = row.get("nearest")
-                rows[operator.index(row["number"])] = nearest and {
-                    name: float(nearest[name]) for name in _POSE
-                }
+                pose = row.get("nearest")
+                if pose is not None:
+                    pose = {name: float(pose[name]) for name in _POSE}
+                rows[operator.index(row["number"])] = pose
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             raise InputError(file, "the list of a split's pictures", "another file") from None
     if len(rows) != count:

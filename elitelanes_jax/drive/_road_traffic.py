@@ -187,8 +187,11 @@ def _step(
 
     nearer = town.distance(state.goal, state.lane) - town.distance(state.goal, lane)
     comes_into_gridlock = after.gridlocked & ~state.gridlocked
+    # A product by 1, 0 or -1 is exact. Any other is rounded before it is added, see `rounded`.
+    progress = params.progress_reward * nearer.astype(jnp.float32)
+    progress = jnp.where(jnp.abs(nearer) <= 1, progress, rounded(progress))
     reward = (
-        rounded(params.progress_reward * nearer.astype(jnp.float32))
+        progress
         + params.goal_reward * reached.astype(jnp.float32)
         - params.gridlock_cost * comes_into_gridlock.astype(jnp.float32)
     )
