@@ -151,6 +151,7 @@ def _read_labels(file: Path) -> NDArray[np.int64]:
         raise InputError("", expected, got)
     if labels.max() >= len(LABELS):
         raise InputError("", expected, f"label {labels.max()}")
+    # A file of 16 bits is not cut to 8, because that would make label 256 the background.
     return labels.astype(np.int64)
 
 

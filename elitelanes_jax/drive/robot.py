@@ -84,9 +84,9 @@ def to_wheels(
     # `half` is half of the difference between the speeds of the two wheels. A turn that is a
     # product is rounded first, because XLA multiplies three factors in different orders.
     half = rounded(rounded(turn) * robot.wheel_distance) / 2
+    speeds = jnp.stack([speed - half, speed + half], axis=-1)
     # Without reciprocals XLA divides in a single program and multiplies by them in a batch.
-    shares = jnp.stack([speed - half, speed + half], axis=-1)
-    wheels = rounded(shares * rounded(1 / robot.top_speed))
+    wheels = rounded(speeds * rounded(1 / robot.top_speed))
     return wheels / jnp.maximum(jnp.abs(wheels).max(axis=-1, keepdims=True), 1)
 
 

@@ -8,7 +8,7 @@ from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.types import Plain
 
 NOTHING = (None, "", "~", "null", "Null", "NULL")
-"""What stands for nothing in YAML. `yaml_tree` keeps all scalars as texts."""
+"""A missing value, and the texts that YAML reads as null. `yaml_tree` keeps scalars as texts."""
 
 FALSE = ["false", "False", "FALSE", "no", "No", "NO", "off", "Off", "OFF"]
 """What YAML 1.1 reads as false."""

@@ -338,7 +338,7 @@ class FormatOptions(Record):
     def limits(self, to: str, road_map: RoadMap, tiles: "TileSet | None" = None) -> list[str]:
         """Returns what a format cannot use of a map, of its pictures, or of a setting.
 
-        `tiles` is the tile set of `loaded`; None stands for the package's own.
+        `tiles` is the tile set that `loaded` returns. Without one, the package's own is used.
         """
         limits = list(FORMATS[to].limits(road_map))
         if road_map.drawn is not None and "tiles" in FORMATS[to].takes:

@@ -12,7 +12,7 @@ SAYS = "has other pictures now; they are chosen anew"
 
 @pytest.fixture(scope="module")
 def drawn_map(tmp_path_factory) -> Path:
-    """A map of which one picture in the record differs from the set's."""
+    """A map whose record has another digest for one of its pictures."""
     folder = tmp_path_factory.mktemp("drawn")
     options = ["--size", "5", "5", "--maps", "1", "--evaluations", "500", "--tile-px", "16", "--quiet"]
     assert main(["generate", *options, "--out", str(folder / "run")]) == 0

@@ -73,7 +73,7 @@ export function toDuckietown(grid: Grid, objects: readonly MapObject[] = []): st
 const radiansIn = (degrees: number): number => degrees * (Math.PI / 180);
 const withinHalfTurn = (angle: number): number => remainder(angle, 2 * Math.PI);
 
-/** What stands for nothing in YAML. */
+/** The texts that YAML reads as null. */
 const NOTHING = ["~", "null", "Null", "NULL"];
 
 /** What readers of YAML take for a truth value or for nothing. */
