@@ -84,7 +84,8 @@ def _score_dataset(options: argparse.Namespace) -> int:
         if error.subject.partition(":")[0] in ("predictions", "split"):
             error = error.replace(subject=f"--{error.subject}")
         raise error from None
-    lines = (f"{name:16}{score:.3f}" for name, score in scores.items())
+    width = max(map(len, scores)) + 2
+    lines = (f"{name:{width}}{score:.3f}" for name, score in scores.items())
     say("\n".join(lines), asked=True)
     return 0
 

@@ -53,6 +53,8 @@ def score_predictions(
       of the mean. For objects, COCO's average precisions of boxes: `AP`, `AP50` and `AP75`. For lane
       poses, the median absolute errors against `nearest` of the dataset: `offset_cm`, in centimetres
       for tiles of 0.585 m, and `angle_rad`. `offset_cm_90` and `angle_rad_90` are 90th percentiles.
+      `offset_cm_constant` and `angle_rad_constant` are the median errors of the split's median pose,
+      which needs no picture.
 
     Raises:
       InputError: for a folder that is no such dataset, a missing or wrong prediction, or a package
@@ -163,19 +165,23 @@ def _score_poses(
     if len(poses) < len(rows):
         raise InputError(folder, "a dataset of robots' views, made with --camera", "another one")
     found = _read_poses(predictions, poses, split)
-    errors = np.array(
-        [
-            [found[number][name] - nearest[name] for name in _POSE]
-            for number, nearest in poses.items()
-        ]
-    )
-    offset = np.abs(errors[:, 0]) * TILE_SIZE * 100
-    angle = np.abs((errors[:, 1] + np.pi) % (2 * np.pi) - np.pi)
+    expected = np.array([[nearest[name] for name in _POSE] for nearest in poses.values()])
+    given = np.array([[found[number][name] for name in _POSE] for number in poses])
+    errors = _pose_errors(given, expected)
+    constant = _pose_errors(np.median(expected, axis=0), expected)
     scores = {}
-    for name, part in (("offset_cm", offset), ("angle_rad", angle)):
-        scores[name] = float(np.median(part))
-        scores[f"{name}_90"] = float(np.percentile(part, 90))
+    for index, name in enumerate(("offset_cm", "angle_rad")):
+        scores[name] = float(np.median(errors[:, index]))
+        scores[f"{name}_90"] = float(np.percentile(errors[:, index], 90))
+        scores[f"{name}_constant"] = float(np.median(constant[:, index]))
     return scores
+
+
+def _pose_errors(given: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the absolute errors of lane poses ``[N, 2]``, in centimetres and radians."""
+    offset, angle = np.moveaxis(given - expected, -1, 0)
+    angle = (angle + np.pi) % (2 * np.pi) - np.pi
+    return np.abs(np.stack([offset * TILE_SIZE * 100, angle], axis=-1))
 
 
 def _read_poses(file: Path, numbers: Collection[int], split: str) -> dict[int, dict[str, float]]:

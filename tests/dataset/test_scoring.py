@@ -155,16 +155,19 @@ def test_lane_poses_are_scored_in_centimetres_and_radians(views, tmp_path, capsy
     ]
     file = write_poses(tmp_path, found[::-1])
     scores = score_predictions(folder, file)
+    offsets, angles = (np.array([pose[name] for pose in poses]) for name in ("d", "phi"))
     assert scores == pytest.approx(
         {
             "offset_cm": np.median(errors) * 58.5,
             "offset_cm_90": np.percentile(errors, 90) * 58.5,
+            "offset_cm_constant": np.median(abs(offsets - np.median(offsets))) * 58.5,
             "angle_rad": np.median(errors),
             "angle_rad_90": np.percentile(errors, 90),
+            "angle_rad_constant": np.median(abs(angles - np.median(angles))),
         }
     )
     assert main(["score", str(folder), "--predictions", str(file)]) == 0
-    assert capsys.readouterr().out.splitlines()[0] == f"offset_cm       {scores['offset_cm']:.3f}"
+    assert capsys.readouterr().out.splitlines()[0].split() == ["offset_cm", f"{scores['offset_cm']:.3f}"]
 
 
 @pytest.mark.parametrize(
