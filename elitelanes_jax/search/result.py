@@ -117,7 +117,7 @@ class Result:
         An elite is rejected for a flaw, such as a dead end, or if it breaks a rule or a fixed cell
         of the search.
         """
-        return without_flaws(self.satisfies(), self.elites.by_name(), self.search)
+        return without_flaws(self.satisfies(), self.elites, self.search)
 
     @jax.transfer_guard("allow")
     def maps(self, count: int = 16, *, where: UserValue = ()) -> list[RoadMap]:

@@ -23,6 +23,7 @@ from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.style import CROSSING
 
 _OUTSIDE = "outside the ranges"
+_UNFIXED = "with other codes in fixed cells"
 
 MIN_DIFFERENCE = (ALIKE, 0.05, 0.0)
 """The least `difference` of two maps.
@@ -126,7 +127,8 @@ def choose_maps(
     metrics = {name: values.ravel() for name, values in elites.by_name().items()}
     # The fitness only steers towards the constraints. An elite may violate them, so each elite is
     # checked exactly.
-    useful, rejected = without_flaws(valid.ravel(), metrics, search)
+    unflawed, rejected = without_flaws(valid, elites, search)
+    useful = unflawed.ravel()
     outside = useful & ~satisfies(metrics, search.ranges)
     rejected[_OUTSIDE] = int(outside.sum())
     narrowest = _narrowest(search.ranges, outside, metrics)
@@ -271,25 +273,32 @@ class _Candidates(NamedTuple):
 
 @name_wrong_arguments
 def without_flaws(
-    valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], search: Search
+    valid: NDArray[np.bool_], elites: MeasuredElites, search: Search
 ) -> tuple[NDArray[np.bool_], Counter[str]]:
     """Returns which elites violate no constraint of the search.
 
     Also returns the number of the other elites by reason.
 
     Args:
-      valid: bool of any shape, which slots are filled.
-      metrics: arrays of the same shape, by name.
+      valid: bool ``[*S, N]``, which elites to look at.
+      elites: the elites ``[*S, N]``, of this search or of others with maps of its size.
       search: the search, with its rules and fixed cells.
     """
     rejected: Counter[str] = Counter()
-    useful = valid.copy()
-    # An elite that violates several constraints counts once, so that the numbers add up.
+    useful, metrics = valid.copy(), elites.by_name()
+    flaws = []
     for name, right, words in map_constraints(search.settings.rules, filled=search.fills_all_cells):
         if name not in metrics:
             raise InputError("metrics", name, ", ".join(metrics) or "none")
-        flawed = useful & (metrics[name] != right)
-        rejected[words] += int(flawed.sum())
+        flaws.append((words, metrics[name] != right))
+    fix = search.settings.fix
+    if fix is not None:
+        # The search keeps its fixed cells. Elites of another search may have other codes there.
+        others = fix.fixed & (np.asarray(elites.grids) != fix.grid)
+        flaws.append((_UNFIXED, others.any(axis=(-2, -1))))
+    # An elite with several flaws counts once, so that the numbers add up.
+    for words, flawed in flaws:
+        rejected[words] += int((useful & flawed).sum())
         useful &= ~flawed
     return useful, rejected
 

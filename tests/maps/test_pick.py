@@ -92,6 +92,24 @@ def test_an_archive_may_have_tiles_that_the_first_one_lacks(tmp_path):
     assert all(road_map.metrics["crossings"] for road_map in maps(tmp_path / "out"))
 
 
+def test_maps_of_all_archives_keep_the_fixed_cells_of_the_first(searched, tmp_path):
+    first, other = tmp_path / "fixed.npz", searched / "one" / "archive.npz"
+    elsewhere = Result.load(other).with_seed_axis()
+    fix: list[list[int | None]] = [[None] * 6 for _ in range(5)]
+    fix[2][2] = code = int(elsewhere.choose(1).maps[0].codes[2, 2])
+    result = evolve(0, (5, 6), seeds=1, generations=40, method="ea", preset="paper", fix=fix)
+    result.save(first, seed=5)
+    joined = pick_maps(PickSpec(maps=90, at_most=True, tile_px=16), [first, other], tmp_path / "out")
+    assert {road_map.seed[0] for road_map in joined} == {0, 5}
+    assert all(road_map.codes[2, 2] == code for road_map in joined)
+    broken = elsewhere.elites.grids[:, :, 2, 2] != code
+    flawless, reasons = replace(elsewhere, search=result.search).without_flaws()
+    assert broken.any() and not (flawless & broken).any()
+    assert reasons["with other codes in fixed cells"] == (broken & elsewhere.without_flaws()[0]).sum()
+    # The search of the first archive counts, and the other one has no fixed cells.
+    assert len(pick_maps(PickSpec(maps=6, tile_px=16), [other, first], tmp_path / "free")) == 6
+
+
 def test_only_maps_that_the_tiles_can_draw_are_picked(searched, tmp_path):
     """From a search whose tiles had crossings, with a set that has no four-way one."""
     tiles = tmp_path / "tiles"
