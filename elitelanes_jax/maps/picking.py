@@ -231,7 +231,9 @@ def _write_choice(
         f"choosing {pluralize(spec.maps, 'map')} of {size} among {elites.valid.sum():,} elites"
     )
     result = replace(sources[0].result, elites=elites, search=search)
-    excluded = [np.array(grid, np.int8) for grid in spec.unlike]
+    # Each search may have found its own examples.
+    examples = [grid for source in sources for grid in source.result.search.settings.like]
+    excluded = [np.array(grid, np.int8) for grid in (*spec.unlike, *examples)]
     choice = choose_enough(result, spec.maps, at_most=spec.at_most, exclude=excluded, hint=hint)
     # The joined elites count the runs of all sources. Each becomes the seed and the index in its
     # own source.

@@ -110,6 +110,16 @@ def test_maps_of_all_archives_keep_the_fixed_cells_of_the_first(searched, tmp_pa
     assert len(pick_maps(PickSpec(maps=6, tile_px=16), [other, first], tmp_path / "free")) == 6
 
 
+def test_no_map_is_an_example_of_any_archive(searched, tmp_path):
+    plain, like = searched / "one" / "archive.npz", tmp_path / "like.npz"
+    example = Result.load(plain).choose(1).maps[0].codes
+    evolve(0, (5, 6), seeds=1, generations=5, method="ea", preset="paper", like=[example]).save(like, seed=5)
+    for archives, found in (([plain], True), ([plain, like], False)):
+        picked = pick_maps(PickSpec(maps=90, at_most=True, tile_px=16), archives, tmp_path / str(found))
+        forms = {canonical_form(road_map.codes) for road_map in picked}
+        assert (canonical_form(example) in forms) == found
+
+
 def test_only_maps_that_the_tiles_can_draw_are_picked(searched, tmp_path):
     """From a search whose tiles had crossings, with a set that has no four-way one."""
     tiles = tmp_path / "tiles"
