@@ -416,7 +416,7 @@ def _card(
     lines = [
         "# A pack of road maps",
         "",
-        f"{len(rows):,} maps of a miniature city, and {spec.trips} trips on each. "
+        f"{pluralize(len(rows), 'map')} of a miniature city, and {pluralize(spec.trips, 'trip')} on each. "
         f"Made by Elite Lanes JAX {version}.",
         "",
     ]
