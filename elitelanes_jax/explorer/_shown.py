@@ -143,7 +143,7 @@ def _floors(search: "Search") -> dict[int, int] | None:
     """
     height, width = search.shape
     # The tasks of the benchmark have a variant for filled grids, A, and one with empty cells, B.
-    track = "A" if search.fills else "B"
+    track = "A" if search.fills_all_cells else "B"
     size = f"{height}x{width}{track}"
     if size not in SIZES or search.settings.rules is not None:
         return None

@@ -17,13 +17,16 @@ import pytest
 from explored import big_result, own_result, write_run
 from refusals import refused
 
-from elitelanes_jax import Result, RoadMap, evolve, load_tiles, read_map
+from elitelanes_jax import Result, RoadMap, SearchSpec, evolve, load_tiles, read_map
+from elitelanes_jax.benchmark import find_task
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.explorer import _collect, explore, page
 from elitelanes_jax.explorer._collect import collect
+from elitelanes_jax.explorer._shown import _floors
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import map_to_json
 from elitelanes_jax.problem.archive import vacant_fitness
+from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.tiles import choose_tiles
 from elitelanes_jax.tiles.rendering import recall_choice
 from elitelanes_jax.tiles.tileset import default_tiles
@@ -246,6 +249,14 @@ def test_floors_are_those_of_the_usual_fitness_and_a_float_fitness_keeps_its_fra
     assert (shown["floors"] is not None) is floors
     best = read_array(shown["history"]["best_fitness"], blob).reshape(2, -1)
     np.testing.assert_array_equal(best[:, -1], result.history.best_fitness[:, -1])
+
+
+def test_floors_of_a_search_with_fixed_cells_are_those_of_maps_with_empty_cells():
+    for fix, track in ((None, "A"), ([[0, *[None] * 5], *[[None] * 6] * 5], "B")):
+        spec = SearchSpec(style="paper", method="map-elites", preset="paper", fix=fix)
+        task = find_task(f"6x6{track}-10000")
+        proven = dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
+        assert _floors(resolve(spec, (6, 6))) == proven
 
 
 def test_a_generation_without_elites_has_an_infinite_best_fitness():
