@@ -14,7 +14,7 @@ from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Pytree, Tree, Untyped
+from elitelanes_jax._util.types import Pytree, Tree, Untyped, UserValue
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -86,6 +86,8 @@ class Environment(NamedTuple):
       action_size: the number of values of a real action, each within -1 to 1; 0 for discrete ones.
       shared: whether ``params.robots`` robots share a state. Then observations, actions, rewards and
         metrics have an axis of robots. All robots terminate or are truncated together.
+      restarts: whether steps begin a new episode when one ends, as those of `auto_reset` and
+        `auto_replay`. Wrappers refuse such an environment, because they begin episodes themselves.
     """
 
     reset: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Pytree]]
@@ -95,6 +97,16 @@ class Environment(NamedTuple):
     actions: int | None
     action_size: int = 0
     shared: bool = False
+    restarts: bool = False
+
+
+def check_environment(environment: UserValue) -> Environment:
+    """Returns an environment whose episodes its user begins; raises `InputError` for another one."""
+    environment = check_named("environment", instance(Environment), environment)
+    if environment.restarts:
+        got = "one of auto_reset or auto_replay"
+        raise InputError("environment", "one that does not begin episodes itself", got)
+    return environment
 
 
 def draw_level(key: Key[Array, ""], levels: Pytree) -> Pytree:
@@ -116,9 +128,9 @@ def auto_reset(environment: Environment) -> Environment:
 
     A new episode has a newly drawn level. `reward`, `terminated`, `truncated`, `info` and `reached`
     are those of the step, `observation` and `state` those of the new episode. Raises `InputError`
-    for anything else than an environment.
+    for anything else than an environment, and for one that begins episodes itself.
     """
-    check_named("environment", instance(Environment), environment)
+    check_environment(environment)
 
     @runs_jax
     @divide_batches
@@ -130,7 +142,7 @@ def auto_reset(environment: Environment) -> Environment:
         # Observed again instead of chosen, so that XLA drops an unused `reached`.
         return transition._replace(observation=environment.observe(state, params), state=state)
 
-    return environment._replace(step=name_wrong_arguments(step))
+    return environment._replace(step=name_wrong_arguments(step), restarts=True)
 
 
 def _next_state(transition: Transition, first: Tree) -> Tree:
@@ -162,9 +174,9 @@ def auto_replay(environment: Environment) -> Environment:
     A curriculum that chooses levels can reset N environments to N levels, and knows which steps
     belong to which level. Fields of a step are those of `auto_reset`. A state is a record of
     `state`, that of the environment, and `level`, the one that every episode begins on. Raises
-    `InputError` for anything else than an environment.
+    `InputError` for anything else than an environment, and for one that begins episodes itself.
     """
-    check_named("environment", instance(Environment), environment)
+    check_environment(environment)
 
     def reset(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, ReplayState]:
         if not hasattr(params, "levels"):
@@ -200,4 +212,5 @@ def auto_replay(environment: Environment) -> Environment:
         reset_to_level=name_wrong_arguments(reset_to_level),
         step=name_wrong_arguments(step),
         observe=name_wrong_arguments(observe),
+        restarts=True,
     )

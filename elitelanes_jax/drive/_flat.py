@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Array, Float, Key, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Pytree, Untyped
-from elitelanes_jax.drive._environment import Environment, Transition
+from elitelanes_jax.drive._environment import Environment, Transition, check_environment
 from elitelanes_jax.drive._library_types import Params
 
 
@@ -53,9 +52,9 @@ def flattened(environment: Environment, *, channels_first: bool = False) -> Envi
 
     The info of a step is a dictionary. Pictures are uint8 ``[rows, columns, 3]``, or
     ``[3, rows, columns]`` with `channels_first`. Raises `InputError` for anything but an
-    environment with actions.
+    environment with actions, and for one that begins episodes itself.
     """
-    check_named("environment", instance(Environment), environment)
+    check_environment(environment)
     if environment.actions is None and environment.action_size < 1:
         got = environment.action_size
         raise InputError("environment", "actions, or action_size of 1 or more", got)

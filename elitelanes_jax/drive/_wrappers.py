@@ -176,7 +176,7 @@ class GymnaxEnv:
         if not is_whole(values) or values not in (5, 6):
             raise InputError("values", "5 or 6", repr(values))
         self._environment = flattened(environment)
-        self._resetting = flattened(auto_reset(environment))
+        self._resetting = auto_reset(self._environment)
         self._spaces = _makers(params, spaces)
         self._returns_six = values == 6
         self.default_params = params

@@ -109,8 +109,9 @@ def make_rides(
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       count: N, the number of rides.
-      policy: "route", the expert; "random", a driver that turns its wheels at random; or your own
-        driver, a function from a `LaneDriveObservation` to two numbers, -1 to 1.
+      policy: "route", the expert; "random", a driver that turns its wheels forwards at random, or
+        with "twist" has a random speed and turn; or your own driver, a function from a
+        `LaneDriveObservation` to two numbers, -1 to 1.
       action: what the two numbers are: "wheels", the commands of the left and the right wheel, or
         "twist", the speed and the turn, as in `LaneDriveParams.action`.
       seconds: the longest time of a ride, over 0, up to 86,400.
@@ -232,6 +233,9 @@ def _go(
         action = pure_pursuit(state, params)
     elif policy == "random":
         action = uniform(jax.random.fold_in(moving, 0), (2,))
+        if params.action == "twist":
+            # Speeds are of robots that drive forwards, and turns are to both sides.
+            action = action.at[1].multiply(2).at[1].add(-1)
     return LaneDrive.step(moving, state, action, params)
 
 

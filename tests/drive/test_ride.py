@@ -61,6 +61,13 @@ def test_a_ride_that_leaves_the_road_in_its_last_step_is_counted():
 
 # Only slow tests compile as users do. The quick programs of all other tests add no product in one instruction.
 @pytest.mark.slow
+@pytest.mark.parametrize("action", ["wheels", "twist"])
+def test_a_random_driver_turns_to_both_sides(action):
+    rides = make_rides(GRID, 8, policy="random", action=action, seconds=2)
+    turns = np.concatenate([np.diff(rides.theta[ride, : steps + 1]) for ride, steps in enumerate(rides.steps)])
+    assert (turns > 0).mean() == pytest.approx(0.5, abs=0.15) and (turns < 0).mean() == pytest.approx(0.5, abs=0.15)
+
+
 @pytest.mark.parametrize("policy", ["route", "random"])
 def test_a_ride_alone_has_the_bits_of_a_ride_among_others(policy):
     for seed in range(4):

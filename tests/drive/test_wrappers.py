@@ -18,11 +18,14 @@ from elitelanes_jax.drive import (
     Pose,
     RoadNav,
     RoadNavParams,
+    auto_replay,
     auto_reset,
     look,
     make_levels,
     make_sight,
 )
+from elitelanes_jax.drive._batch import Batch
+from elitelanes_jax.drive._batch_programs import NEXT_STEP
 from elitelanes_jax.drive._camera import pack_sight
 from elitelanes_jax.drive._flat import flatten
 from elitelanes_jax.drive.interop import GymnaxEnv, gymnasium_env
@@ -47,6 +50,19 @@ def params(levels):
 def seeing(levels):
     sight = make_sight(load_tiles(), Camera(rows=12, columns=16, noise=2.0), tile_px=16)
     return LaneDriveParams(levels, limit=20, observe="camera", sight=sight)
+
+
+@pytest.mark.parametrize("restarting", [auto_reset, auto_replay])
+def test_an_environment_that_begins_episodes_itself_is_refused(restarting, params):
+    environment = restarting(RoadNav)
+    for wrap in (
+        lambda: GymnaxEnv(environment, params, SPACES),
+        lambda: Batch(environment, params, 2, NEXT_STEP),
+        lambda: auto_reset(environment),
+        lambda: auto_replay(environment),
+    ):
+        with refused("environment", "one of auto_reset or auto_replay"):
+            wrap()
 
 
 @pytest.mark.slow
