@@ -273,9 +273,9 @@ def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> Measure
     metrics = {}
     for name in Metrics._fields:
         metrics[name] = _stack([getattr(elites.metrics, name) for elites in results])
-    allowed = [*tiles.alphabet, *KINDS["end"], *KINDS["empty"]]
-    # The pictures of the maps come from this tile set, so codes outside its alphabet are counted
-    # again.
+    # A map's codes are those of the searches, and those that the tile set has pictures of.
+    both = set(tiles.alphabet) & set(search.alphabet)
+    allowed = [*both, *KINDS["end"], *KINDS["empty"]]
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
     # Metrics are stored for all elites. Other features are stored by some archives, and measured
     # for the rest.

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import PickSpec, Result, SearchSpec, evolve, measure, read_map
+from elitelanes_jax import PickSpec, Result, SearchSpec, evolve, measure, read_map, write_result
 from elitelanes_jax import pick as pick_maps
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.maps.picking import _resolve_choice, _Source
@@ -108,6 +108,19 @@ def test_maps_of_all_archives_keep_the_fixed_cells_of_the_first(searched, tmp_pa
     assert reasons["with other codes in fixed cells"] == (broken & elsewhere.without_flaws()[0]).sum()
     # The search of the first archive counts, and the other one has no fixed cells.
     assert len(pick_maps(PickSpec(maps=6, tile_px=16), [other, first], tmp_path / "free")) == 6
+
+
+def test_maps_have_the_tiles_of_the_search(tmp_path):
+    """The tile set has four-way crossings, but the search has none."""
+    result = evolve(2, (5, 5), seeds=4, evaluations=4000, preset="paper", alphabet=[3, 5, 6, 7, 9, 10, 11, 12, 13, 14])
+    assert (result.elites.grids[result.satisfies()] == 15).any()
+    expected = [road_map.codes.tolist() for road_map in result.maps(20)]
+    assert len(expected) == 20 and not any(15 in np.ravel(codes) for codes in expected)
+    written = write_result(result, tmp_path / "written", 20, tile_px=16)
+    picked = pick_maps(PickSpec(maps=20, tile_px=16), tmp_path / "written" / "archive.npz", tmp_path / "picked")
+    for chosen in (written, picked):
+        assert [road_map.codes.tolist() for road_map in chosen] == expected
+        assert not any(road_map.metrics["off_alphabet"] for road_map in chosen)
 
 
 def test_no_map_is_an_example_of_any_archive(searched, tmp_path):
