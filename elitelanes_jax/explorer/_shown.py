@@ -208,10 +208,22 @@ def _run_of_maps(named_maps: Sequence[tuple[str, RoadMap]], shape: tuple[int, in
         axes=tuned_axes(shape),
         weights=Weights()._asdict(),
         alphabet=None,
-        usual_fitness=is_whole,
+        usual_fitness=is_whole and all(_is_usual(road_map) for _, road_map in named_maps),
         labels=tuple(labels),
         maps=tuple(chosen),
     )
+
+
+def _is_usual(road_map: RoadMap) -> bool:
+    """Returns whether the fitness of a map, if it has one, is the sum of the default weights."""
+    weights, metrics = Weights(), road_map.metrics
+    if road_map.fitness is None or not metrics:
+        return True
+    # One component is no fault. An empty grid has none.
+    total = weights.components * max(metrics.get("components", 1) - 1, 0) + weights.constant
+    for name in Weights._fields[1:-1]:
+        total += getattr(weights, name) * metrics.get(name, 0)
+    return road_map.fitness == total
 
 
 def _fitness_array(

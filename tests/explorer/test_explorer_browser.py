@@ -233,7 +233,8 @@ def test_a_float_fitness_is_shown_filtered_and_saved_with_its_fractions(seen, fo
     assert re.search(r"fitness −?\d\.\d+$", shown["head"])
     assert "Above the proven floor" not in shown["quantities"]
     assert (shown["total"], shown["row"]) == ("Weighted sum", "–")
-    assert shown["note"] == "The fitness of this run is a user's function. Only a search can compute it."
+    note = "The recorded fitness has other weights, or is a user's function. Only a search can compute it."
+    assert shown["note"] == note
     assert read_map(folder / "float-drawn.json").fitness is None
 
 

@@ -25,6 +25,8 @@ from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._shown import _floors
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import map_to_json
+from elitelanes_jax.network import Metrics
+from elitelanes_jax.network import fitness as weighted_sum
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.tiles import choose_tiles
@@ -286,6 +288,15 @@ def test_the_fractions_of_a_map_file_are_kept():
     (shown,) = payload.values["runs"]
     assert read_array(shown["fitness"], zlib.decompress(payload.blob)).tolist() == [-0.25, 3]
     assert not shown["usual_fitness"]
+
+
+def test_a_map_file_with_other_weights_has_another_fitness_than_the_usual_one(run):
+    town = next(iter(sorted(run.glob("maps/*/map.json"))))
+    road_map = read_map(town)
+    usual = int(weighted_sum(Metrics(**{name: road_map.metrics[name] for name in Metrics._fields})))
+    for fitness, is_usual in ((usual, True), (usual - 7, False), (None, True)):
+        payload = collect([replace(road_map, fitness=fitness)])
+        assert payload.values["runs"][0]["usual_fitness"] is is_usual
 
 
 def test_results_stand_side_by_side():

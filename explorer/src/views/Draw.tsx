@@ -207,7 +207,9 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
           )}
         </div>
         {!run.usualFitness && (
-          <p class="note">The fitness of this run is a user's function. Only a search can compute it.</p>
+          <p class="note">
+            The recorded fitness has other weights, or is a user's function. Only a search can compute it.
+          </p>
         )}
         {unknown.length > 0 && (
           <p class="note">
