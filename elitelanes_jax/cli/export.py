@@ -218,7 +218,8 @@ def _names(files: Sequence[Path]) -> dict[Path, str]:
     first = keys.index(keys[second])
     got = f"two for {stems[second].name}"
     if names[first] != names[second]:
-        got += f" on file systems that ignore case; the other is {files[first]}"
+        got += " on file systems that ignore case"
+    got += f"; the other is {files[first]}"
     raise InputError(files[second], "maps of different names", got)
 
 

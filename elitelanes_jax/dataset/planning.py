@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.packages import installed_versions
+from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._layouts import find_layout
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
@@ -160,6 +161,7 @@ def _load_objects(spec: DatasetSpec, searches: dict[tuple[int, int], Search]) ->
         if spec.objects is not None:
             # A wrong folder is refused before the search.
             load_objects(spec.objects)
+            announce_at_end(str(spec.objects), "not drawn, because the maps have no objects")
         return None
     pictures = load_objects(spec.objects)
     # A kind without pictures is an error here, before any picture is drawn.

@@ -120,7 +120,10 @@ def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
         RoadMap(LOOP).save(file)
     for options, message in (
         ([*maps, "--to", "sumo", "--out", out + ".Nod.xml"], "--out: expected a folder, got "),
-        ([*maps, same, "--to", "movingai"], "expected maps of different names, got two for 0000"),
+        (
+            [*maps, same, "--to", "movingai"],
+            f"expected maps of different names, got two for 0000; the other is {maps[0]}",
+        ),
         (
             [*alike, "--to", "usd"],
             f"{alike[1]}: expected maps of different names, got two for Town on file systems that ignore case; "

@@ -121,6 +121,15 @@ def test_objects_without_room_are_refused_unless_cells_may_be_empty():
     plan_dataset(DatasetSpec(furnish="trees=0.5 lane_duckies=2 lane_robots=1 signs=possible"))
 
 
+def test_an_object_set_that_nothing_is_drawn_with_is_said(monkeypatch):
+    said = []
+    monkeypatch.setattr("elitelanes_jax.dataset.planning.announce_at_end", lambda *words: said.append(words))
+    plan_dataset(DatasetSpec(objects="objects", furnish="signs=possible"))
+    assert not said
+    plan_dataset(DatasetSpec(objects="objects"))
+    assert said == [("objects", "not drawn, because the maps have no objects")]
+
+
 def test_maps_without_crossings_need_no_signs():
     free = [{"where": "crossings=..0"}, {"where": "cyclomatic=1"}, {"alphabet": [3, 5, 6, 9, 10, 12]}]
     for search in free:
