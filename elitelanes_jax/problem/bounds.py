@@ -324,8 +324,9 @@ def check_feasible(
     `InputError` states the bound.
     """
     lacking_kinds: list[str] = []
+    where = tuple(where)
     if alphabet is not None:
-        codes = set(alphabet)
+        alphabet = codes = set(alphabet)
         # The first row with roads begins and ends with a turn, because its ends have no tiles
         # beside and above them. So does the last row: every map has all four turns.
         missing_turns = set(KINDS["turn"]) - codes
@@ -334,7 +335,8 @@ def check_feasible(
             raise InputError("alphabet", expected, f"no {min(missing_turns)}")
         lacking_kinds = [kind for kind in COUNTED if codes.isdisjoint(KINDS[kind])]
     if fix is not None:
-        _check_fixed(fix, rules)
+        _check_fixed(fix, rules, range(16) if alphabet is None else alphabet)
+        _check_fixed_counts(fix, where)
         check_connectable(fix, filled)
     if where:
         fills_all_cells = filled and fix is None
@@ -369,12 +371,14 @@ def check_ranges_of_grids(
     check_ranges(where, find_bounds(shape, known_metrics), grids)
 
 
-def _check_fixed(fix: FixedCells, rules: str | None) -> None:
-    ends = np.argwhere(np.isin(fix.grid, KINDS["end"])).tolist()
-    if ends:
-        row, column = ends[0]
-        got = f"code {fix.grid[row, column]} at {describe_cell(row, column)}"
-        raise InputError("fix", "cells without dead ends", got)
+def _check_fixed(fix: FixedCells, rules: str | None, alphabet: Iterable[int]) -> None:
+    for expected, wrong in (
+        ("cells without dead ends", np.isin(fix.grid, KINDS["end"])),
+        ("codes of the alphabet", ~np.isin(fix.grid, [*alphabet, *KINDS["empty"]])),
+    ):
+        for row, column in np.argwhere(wrong).tolist():
+            got = f"code {fix.grid[row, column]} at {describe_cell(row, column)}"
+            raise InputError("fix", expected, got)
     if rules is not None:
         metrics = plain_measure(fix.grid)
         for name in RULES[rules].forbidden:
@@ -382,6 +386,17 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
                 raise InputError(
                     "fix", f"cells that keep the rules of {rules}", f"{name} {metrics[name]}"
                 )
+
+
+def _check_fixed_counts(fix: FixedCells, where: Iterable[Range]) -> None:
+    """Checks that no more tiles of a kind are fixed than ranges allow."""
+    counts = {COUNTED[kind]: int(np.isin(fix.grid, KINDS[kind]).sum()) for kind in COUNTED}
+    counts["crossings"] = counts["crossings3"] + counts["crossings4"]
+    counts["tiles"] = int((fix.grid > 0).sum())
+    for item in where:
+        count = counts.get(item.name, 0)
+        if item.high is not None and count > item.high:
+            raise InputError("fix", f"at most {item.high} {item.name}", count)
 
 
 def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:

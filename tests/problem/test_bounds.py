@@ -179,6 +179,18 @@ def test_fixed_cells_leave_room_for_a_network(cells, got, passes_unfilled):
             check_feasible(shape, fix=fix, filled=False)
 
 
+def test_fixed_cells_that_contradict_the_alphabet_or_a_range_are_refused():
+    rows = [[None] * 4 for _ in range(4)]
+    rows[1][1], rows[1][2] = 15, 7
+    fix = parse_fixed_cells(rows)
+    with refused("fix", "code 15 at B2 ([1, 1])", expected="alphabet"):
+        check_feasible((4, 4), fix=fix, alphabet=[3, 5, 6, 7, 9, 10, 11, 12, 13, 14])
+    for where, most, count in (("crossings=..1", "at most 1 crossings", 2), ("crossings4=0", "at most 0 cross", 1)):
+        with refused("fix", str(count), expected=most):
+            check_feasible((4, 4), parse_ranges([where]), fix=fix)
+    check_feasible((4, 4), parse_ranges(["crossings=..2", "crossings4=..1"]), fix=fix, alphabet=range(16))
+
+
 def test_an_enclosed_cell_stays_empty():
     check_feasible((3, 3), fix=parse_fixed_cells(ENCLOSED))
     grid = repair(np.zeros((3, 3), np.int8), fill=True, fixed=parse_fixed_cells(ENCLOSED).fixed)
