@@ -56,7 +56,7 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(real(0, 600, unit="seconds, a number", exclusive=True)),
         default=60,
         metavar="S",
-        help="longest time of a ride, which ends at its goal; from 2.2 seconds on, all goals are "
+        help="longest time of a ride, which ends at its goal; from 2.3 seconds on, all goals are "
         "within reach; by default 60",
     )
     add_shared(command, "--tiles")

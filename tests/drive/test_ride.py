@@ -59,8 +59,6 @@ def test_a_ride_that_leaves_the_road_in_its_last_step_is_counted():
     assert not (long.off_road & long.success).any()
 
 
-# Only slow tests compile as users do. The quick programs of all other tests add no product in one instruction.
-@pytest.mark.slow
 @pytest.mark.parametrize("action", ["wheels", "twist"])
 def test_a_random_driver_turns_to_both_sides(action):
     rides = make_rides(GRID, 8, policy="random", action=action, seconds=2)
@@ -68,6 +66,8 @@ def test_a_random_driver_turns_to_both_sides(action):
     assert (turns > 0).mean() == pytest.approx(0.5, abs=0.15) and (turns < 0).mean() == pytest.approx(0.5, abs=0.15)
 
 
+# Only slow tests compile as users do. The quick programs of all other tests add no product in one instruction.
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["route", "random"])
 def test_a_ride_alone_has_the_bits_of_a_ride_among_others(policy):
     for seed in range(4):
@@ -77,9 +77,10 @@ def test_a_ride_alone_has_the_bits_of_a_ride_among_others(policy):
 
 
 def test_a_lane_leaves_room_for_the_robot_on_the_road(drawn_tiles):
-    """Rides in lanes nearer to the edge ended at their first step."""
-    rides = make_rides(GRID, 4, seconds=20, tiles=replace(drawn_tiles, lane_offset=0.24), seed=1)
-    assert rides.success.all()
+    """Rides in lanes near to the edge reach their goals in time, though their left turns are longer."""
+    for seconds in (2.3, 20):
+        rides = make_rides(GRID, 500, seconds=seconds, tiles=replace(drawn_tiles, lane_offset=0.24), seed=2)
+        assert rides.success.all()
     with refused("tiles", "0.25", expected="at most 0.241"):
         make_rides(GRID, 1, tiles=replace(drawn_tiles, lane_offset=0.25))
 
