@@ -33,7 +33,7 @@ from elitelanes_jax.network import (
     measure_town,
     randint,
 )
-from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.network.bits import random_bits, split
 from elitelanes_jax.optimizers import (
     PRESETS,
     AnnealedMapElitesConfig,
@@ -145,7 +145,7 @@ def moves():
 
 def stepped(optimizer, key):
     """Two steps in a loop of one's own."""
-    return jax.lax.scan(lambda state, key: optimizer.step(key, state), optimizer.init(key), jax.random.split(key))
+    return jax.lax.scan(lambda state, key: optimizer.step(key, state), optimizer.init(key), split(key))
 
 
 def methods():
@@ -184,7 +184,7 @@ def driven(environment, params, key, action):
             done = environment.step(key, state, action, params)
             return done.state, done
 
-        return jax.lax.scan(step, start, jax.random.split(key, 16))
+        return jax.lax.scan(step, start, split(key, 16))
 
     return observation, ride(environment), ride(drive.auto_reset(environment))
 

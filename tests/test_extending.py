@@ -226,16 +226,12 @@ def test_a_function_is_known_by_what_it_computes(name, tmp_path):
             run(**of_factor(name, 3), **options)
 
 
-@pytest.mark.parametrize("other", ["moves", pytest.param("fitness", marks=pytest.mark.slow)])
-def test_a_feature_is_known_by_what_it_computes_beside_another_function_of_its_name(other):
-    name, options = "fitness", {"fitness": lambda usual: usual, "preset": "paper"}
-    if other == "moves":
-        name, options = "mine", {"moves": {"mine": (1, mark(3))}}
-    run = partial(evolve, jax.random.key(0), SHAPE, generations=1, method="ea", **options)
-    before = run(features={name: lambda grid: (grid == 5).sum()})
-    assert [name for name, _ in before.functions] == [name, "user fitness" if other == "fitness" else "move mine"]
+def test_a_feature_is_known_by_what_it_computes_beside_another_function_of_its_name():
+    run = partial(evolve, jax.random.key(0), SHAPE, generations=1, method="ea", moves={"mine": (1, mark(3))})
+    before = run(features={"mine": lambda grid: (grid == 5).sum()})
+    assert [name for name, _ in before.functions] == ["mine", "move mine"]
     with refused("state", "one of a run with another key, other options or functions"):
-        run(features={name: lambda grid: (grid == 10).sum()}, state=before.state)
+        run(features={"mine": lambda grid: (grid == 10).sum()}, state=before.state)
 
 
 @pytest.mark.slow

@@ -295,13 +295,13 @@ PAGE = (DOCS / "plots.md").read_text()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", range(5))
 def test_each_program_of_the_page_runs_by_itself(number, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    assert len(programs) == 4
+    assert len(programs) == 5
     exec(compile(programs[number], "plots.md", "exec"), {})
-    written = ["map.svg", "archive.png", "turns.png", "runs.png"]
+    written = ["map.svg", "archive.png", "turns.png", "runs.png", "qd-scores.png"]
     assert [file.name for file in tmp_path.iterdir()] == [written[number]]
 
 

@@ -103,7 +103,7 @@ def test_arrays_of_numpy_and_numbers_may_be_arguments_where_transfers_are_forbid
         params = RoadNavParams(make_levels(key, [road_map], 2))
         _, state = RoadNav.reset(key, params)
         RoadNav.step(key, state, 1, params)
-        measure(road_map.codes), measure_town(road_map), repair(rotate(road_map.codes, 2))
+        measure(road_map.codes), measure_town(road_map.codes), repair(rotate(road_map.codes, 2))
         together = Batch(RoadNav, params, 2, SAME_STEP)
         together.reset([1, 2])
         together.step([0, 1])

@@ -27,7 +27,7 @@ from elitelanes_jax.drive._objects_seen import Rays, see_objects
 from elitelanes_jax.drive.camera_options import Camera, LaneCamera, Variation
 from elitelanes_jax.drive.lanes import Pose, single
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.network.bits import mix
+from elitelanes_jax.network.bits import mix, random_bits
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.sharding import divide_batches
@@ -294,7 +294,7 @@ def _look(
             seed = mix(seed ^ word)
     else:
         # The noise of all pixels is hashed from one draw.
-        seed = jax.random.bits(key, (), jnp.uint32)
+        seed = random_bits(key, ())
     return render_view(seed, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)
 
 

@@ -89,7 +89,9 @@ def test_maps_need_what_the_shelf_has(tmp_path):
 @pytest.mark.parametrize("style", ["town", None])
 def test_a_map_for_every_shelf(size, style):
     """The shelf has the tiles of a drawn town, no more: 200 shelves together, other ones for each search."""
-    drawn = evolve(size if style else 100 + size, (size, size), seeds=8, style="town").maps(25)
+    key = size if style else 100 + size
+    # Most small towns are rings.
+    drawn = evolve(key, (size, size), seeds=8, style="town", where="crossings=0..").maps(25)
     assert len(drawn) == 25
     for index, town in enumerate(drawn):
         shelf, budget, maps = tiles_of(town.codes), 12_500, []
