@@ -176,9 +176,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> 
 
 
 def to_csv(rows: Sequence[Mapping[str, object]]) -> str:
-    """Makes a CSV table of rows whose first one has all columns."""
+    """Makes a CSV table of rows. A row without a column has an empty field there."""
     lines = io.StringIO(newline="")
-    writer = csv.DictWriter(lines, list(rows[0]), lineterminator="\n")
+    columns = dict.fromkeys(name for row in rows for name in row)
+    writer = csv.DictWriter(lines, list(columns), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return lines.getvalue()

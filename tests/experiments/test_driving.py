@@ -27,7 +27,8 @@ def test_devices_are_measured(capsys):
     assert devices.main(["--quick", "--repetitions", "1"]) == 0
     *_, table = capsys.readouterr().out.strip().split("\n\n")
     names = [line.split(" ")[1].rstrip(",") for line in table.splitlines()[2:]]
-    assert names == ["evaluations"] * 3 + ["RoadNav", "LaneDrive"] + ["camera"] * 4 + ["views"] * 3
+    environments = ["RoadNav", "LaneDrive", *["RoadTraffic"] * 3]
+    assert names == [*["evaluations"] * 3, *environments, *["camera"] * 4, *["views"] * 3]
     with pytest.raises(SystemExit, match="2"):
         devices.main(["--repetitions", "0"])
     assert "--repetitions: expected a whole number, 1 or more, got '0'" in capsys.readouterr().err
