@@ -100,13 +100,11 @@ class Environment(NamedTuple):
     restarts: bool = False
 
 
-def check_environment(environment: UserValue) -> Environment:
-    """Returns an environment whose episodes its user begins; raises `InputError` for another one."""
-    environment = check_named("environment", instance(Environment), environment)
-    if environment.restarts:
+def check_environment(environment: UserValue) -> None:
+    """Raises `InputError` for anything else than an environment, or if its steps begin episodes."""
+    if check_named("environment", instance(Environment), environment).restarts:
         got = "one of auto_reset or auto_replay"
         raise InputError("environment", "one that does not begin episodes itself", got)
-    return environment
 
 
 def draw_level(key: Key[Array, ""], levels: Pytree) -> Pytree:

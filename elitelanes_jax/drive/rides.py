@@ -11,6 +11,7 @@ from traceback import extract_tb
 from typing import NamedTuple, TypeAlias
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
@@ -113,8 +114,8 @@ def make_rides(
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       count: N, the number of rides.
-      policy: "route", the expert; "random", a driver that turns its wheels forwards at random, or
-        with "twist" has a random speed and turn; or your own driver, a function from a
+      policy: "route", the expert; "random", a driver that turns its wheels forwards at random, and
+        with "twist" draws a speed and a turn; or your own driver, a function from a
         `LaneDriveObservation` to two numbers, -1 to 1.
       action: what the two numbers are: "wheels", the commands of the left and the right wheel, or
         "twist", the speed and the turn, as in `LaneDriveParams.action`.
@@ -239,8 +240,8 @@ def _go(
     elif policy == "random":
         action = uniform(jax.random.fold_in(moving, 0), (2,))
         if params.action == "twist":
-            # Speeds are of robots that drive forwards, and turns are to both sides.
-            action = action.at[1].multiply(2).at[1].add(-1)
+            # The robot drives forwards, and turns to both sides.
+            action = jnp.stack([action[0], 2 * action[1] - 1])
     return LaneDrive.step(moving, state, action, params)
 
 

@@ -231,8 +231,8 @@ def _write_choice(
         f"choosing {pluralize(spec.maps, 'map')} of {size} among {elites.valid.sum():,} elites"
     )
     result = replace(sources[0].result, elites=elites, search=search)
-    # Each search may have found its own examples.
-    examples = [grid for source in sources for grid in source.result.search.settings.like]
+    # Each search may have found its own examples. `choose_enough` leaves out those of the first.
+    examples = [grid for source in sources[1:] for grid in source.result.search.settings.like]
     excluded = [np.array(grid, np.int8) for grid in (*spec.unlike, *examples)]
     choice = choose_enough(result, spec.maps, at_most=spec.at_most, exclude=excluded, hint=hint)
     # The joined elites count the runs of all sources. Each becomes the seed and the index in its
@@ -273,7 +273,7 @@ def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> Measure
     metrics = {}
     for name in Metrics._fields:
         metrics[name] = _stack([getattr(elites.metrics, name) for elites in results])
-    # A map's codes are those of the searches, and those that the tile set has pictures of.
+    # Searches may allow fewer codes than the tile set has pictures of, and the other way round.
     both = set(tiles.alphabet) & set(search.alphabet)
     allowed = [*both, *KINDS["end"], *KINDS["empty"]]
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
