@@ -273,10 +273,7 @@ def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> Measure
     metrics = {}
     for name in Metrics._fields:
         metrics[name] = _stack([getattr(elites.metrics, name) for elites in results])
-    # Searches may allow fewer codes than the tile set has pictures of, and the other way round.
-    both = set(tiles.alphabet) & set(search.alphabet)
-    allowed = [*both, *KINDS["end"], *KINDS["empty"]]
-    metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
+    metrics["off_alphabet"] = _stack([_count_off_alphabet(source, tiles) for source in sources])
     # Metrics are stored for all elites. Other features are stored by some archives, and measured
     # for the rest.
     columns = columns_for((axis.metric for axis in search.axes), _measured(search, sources))
@@ -296,6 +293,13 @@ def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> Measure
         metrics=Metrics(**metrics),
         features=features,
     )
+
+
+def _count_off_alphabet(source: _Source, tiles: TileSet) -> Untyped:
+    """Counts the tiles of each elite that its own search or the tile set has no code for."""
+    both = set(tiles.alphabet) & set(source.result.search.alphabet)
+    allowed = [*both, *KINDS["end"], *KINDS["empty"]]
+    return (~np.isin(source.result.elites.grids, allowed)).sum(axis=(2, 3))
 
 
 def _stack(arrays: Sequence[AnyArray]) -> Untyped:

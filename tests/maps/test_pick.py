@@ -82,7 +82,6 @@ def test_other_axes_spread_the_maps_otherwise(searched, tmp_path):
     assert len({tuple(road_map.niche) for road_map in chosen}) == 4
 
 
-@pytest.mark.slow
 def test_an_archive_may_have_tiles_that_the_first_one_lacks(tmp_path):
     files = [tmp_path / f"{name}.npz" for name in ("rings", "crossings")]
     for file, alphabet in zip(files, ([3, 5, 6, 9, 10, 12], None), strict=True):
