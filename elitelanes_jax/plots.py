@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, unmasked
+from elitelanes_jax._util.checks import check_named, is_whole, items_of, unmasked
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import ArrayOrRows, Untyped, UserValue
@@ -56,7 +56,7 @@ def road_map(
     width: float = 0.5,
     lanes: bool = True,
     marked: UserValue = None,
-    loop: Sequence[tuple[int, int]] = (),
+    loop: ArrayOrRows = (),
     ax: "Axes | None" = None,
 ) -> "Axes":
     """Draws a map in lines: roads as ribbons, turns round, north at the top, one unit per tile.
@@ -70,8 +70,8 @@ def road_map(
       width: the width of the roads, a part of a tile's side, over 0 and at most 0.8.
       lanes: whether to draw the line between the lanes. Small pictures are clearer without it.
       marked: bool ``[H, W]``, cells to colour, such as the dirty tiles of a move.
-      loop: the tiles of a loop, as (row, column) in the order of the loop, such as those of
-        `network.gridlock_loop`. A line on the roads shows it.
+      loop: the tiles of a loop, as pairs or an array ``[N, 2]`` of row and column in the order of
+        the loop, such as those of `network.gridlock_loop`. A line on the roads shows it.
       ax: the Axes to draw on; by default those of a new figure.
 
     Raises:
@@ -108,17 +108,27 @@ def road_map(
     return ax
 
 
-def _codes_of_loop(loop: Sequence[tuple[int, int]], codes: NDArray[np.int8]) -> NDArray[np.int8]:
+def _codes_of_loop(loop: UserValue, codes: NDArray[np.int8]) -> NDArray[np.int8]:
     """Returns a grid that has the links of a loop alone."""
+    tiles = []
+    try:
+        for tile in items_of(loop):
+            row, column = items_of(tile)
+            # A fraction or a flag would be another tile as a whole number.
+            if not is_whole(row) or not is_whole(column):
+                raise ValueError("no index of a tile")
+            tiles.append((int(row), int(column)))
+    except (TypeError, ValueError):
+        raise InputError("loop", "pairs of row and column", shorten(repr(loop))) from None
     links = linked_codes(codes)
     loop_codes = np.zeros_like(codes)
-    for tile, following in zip(loop, [*loop[1:], *loop[:1]], strict=True):
-        step = (following[0] - tile[0], following[1] - tile[1])
+    for place, following in zip(tiles, [*tiles[1:], *tiles[:1]], strict=True):
+        step = (following[0] - place[0], following[1] - place[1])
         side = SIDE_TOWARDS.get(step)
-        if side is None or tile not in np.ndindex(codes.shape) or not links[tile] & side.bit:
+        if side is None or place not in np.ndindex(codes.shape) or not links[place] & side.bit:
             expected = "tiles of a loop, each linked to the next one"
-            raise InputError("loop", expected, f"{tuple(tile)} before {tuple(following)}")
-        loop_codes[tile] |= side.bit
+            raise InputError("loop", expected, f"{place} before {following}")
+        loop_codes[place] |= side.bit
         loop_codes[following] |= side.opposite
     return loop_codes
 

@@ -105,11 +105,15 @@ def test_lane_lines_have_their_width_on_wide_and_on_high_maps(shape):
 def test_a_loop_has_a_ribbon_for_each_of_its_links():
     eight = np.array([[6, 7, 3], [10, 10, 10], [12, 13, 9]])
     loop = gridlock_loop(np.delete(eight, 1, axis=0))
-    assert len(artist(road_map(eight[[0, 2]], loop=loop), "loop")) == len(loop) == 4
+    for tiles in (loop, [[*tile] for tile in loop], np.array(loop)):
+        assert len(artist(road_map(eight[[0, 2]], loop=tiles), "loop")) == len(loop) == 4
     assert "loop" not in {collection.get_label() for collection in road_map(eight).collections}
     for wrong, got in (
         (((0, 0), (0, 2)), "(0, 0) before (0, 2)"),
         (((1, 0), (1, 1)), "(1, 0) before (1, 1)"),
+        ([(0, 0), (0.5, 1)], "[(0, 0), (0.5, 1)]"),
+        ([0, 1], "[0, 1]"),
+        (3, "3"),
     ):
         with refused("loop", got):
             road_map(eight, loop=wrong)
