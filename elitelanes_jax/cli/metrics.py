@@ -68,6 +68,12 @@ _NOTE = (
     "Searches\nfound maps with these ranges. With --rules cells may stay empty. Without, a town "
     "feature marked filled\nhas this value on all maps."
 )
+# The metrics that have one value on filled maps, and others where cells are empty.
+_OF_EMPTY_CELLS = {"tiles", "empty_cells", "coverage"}
+_IF_NONE_IS_EMPTY = (
+    "all maps of generate without empty cells have this value. With --rules, --inventory or --style "
+    "town\ncells may stay empty."
+)
 _MEASURED = "measured only in searches that name it, because it costs time"
 
 
@@ -86,7 +92,8 @@ def _show(feature: str, meaning: str, values: str) -> str:
     low, high = feature_range(feature)
     # Two maps of one value would show nothing.
     if low == high:
-        lines.append("all maps of generate have this value")
+        has_others = feature in _OF_EMPTY_CELLS
+        lines.append(_IF_NONE_IS_EMPTY if has_others else "all maps of generate have this value")
         return "\n".join(lines)
     lines += ["", f"{value_text(low):{_SKETCH_WIDE}}{value_text(high)}"]
     least, most = extreme_maps(feature)

@@ -73,5 +73,7 @@ def test_all_are_listed_and_one_is_shown(capsys):
     assert "a ratio; measured only in searches that name it" in capsys.readouterr().out
     assert main(["metrics", "components"]) == 0
     assert "all maps of generate have this value" in capsys.readouterr().out
+    assert main(["metrics", "coverage"]) == 0
+    assert "without empty cells have this value. With --rules," in capsys.readouterr().out
     assert main(["metrics", "bridge"]) == 2
     assert "got 'bridge'; is it bridges? elitelanes metrics explains all: " in capsys.readouterr().err
