@@ -48,8 +48,9 @@ def run_task(
 
     Args:
       task: the task to run, or its name.
-      search: a generator function; see `SearchFunction`. It is stopped when the task's evaluations
-        are spent. If a batch exceeds a budget, only its first grids count for this budget.
+      search: a generator function; see `SearchFunction`. When the task's evaluations are spent,
+        it still gets the last measurements, and is closed where it yields again. If a batch exceeds
+        a budget, only its first grids count for this budget.
       seeds: their number, or the seeds of NumPy's generators. A board needs 10 or more.
       operators: the track. None is the open track: the search makes its grids. On a track of fixed
         operators, ``tiles``, ``links`` or ``moves`` (see `find_operators`), the search takes

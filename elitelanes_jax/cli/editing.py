@@ -58,6 +58,8 @@ def _edit(options: argparse.Namespace) -> int:
     from elitelanes_jax.photographs.editing import HandWork
     from elitelanes_jax.photographs.reading import Photograph
 
+    if options.size and not options.photos:
+        raise InputError("--size", "it with --photos, whose floors it describes", "it alone")
     sizes = for_each("--size", options.size or [(1, 1)], options.photos)
     shapes = [(rows, columns) for rows, columns in sizes]
     # Photographs are read before the server starts, so that a bad file is an error in the terminal.

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elitelanes_jax._util.checks import nonblank, path
+from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.files import free_name, new_file
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
@@ -45,9 +45,7 @@ def add_tiles(commands: Commands) -> None:
     )
     masks.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
     for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
-        masks.add_argument(
-            f"--{mask}", type=checked_by(nonblank), metavar="RANGE", help=f"colours of {what}"
-        )
+        masks.add_argument(f"--{mask}", metavar="RANGE", help=f"colours of {what}")
     masks.add_argument(
         "--overwrite",
         action="store_true",
