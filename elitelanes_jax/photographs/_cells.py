@@ -85,25 +85,25 @@ class Cells(NamedTuple):
         return alike
 
 
-def guessed_cells(image: NDArray[np.uint8], view: FloorView, shape: tuple[int, int]) -> Cells:
+def guessed_cells(image: NDArray[np.uint8], view: FloorView) -> Cells:
     """Returns the cells of a floor whose view may be off by up to an eighth of a tile.
 
     The margin around a cell shows what is around it in the photograph.
     """
-    places = places_of(*shape, _TILE_PX, _MARGIN_PX)
+    places = places_of(*view.shape, _TILE_PX, _MARGIN_PX)
     floor = without_light(flatten(image, view, places, _TILE_PX))
     side = _TILE_PX + 2 * _MARGIN_PX
     windows = sliding_window_view(floor, (side, side), axis=(0, 1))[::_TILE_PX, ::_TILE_PX]
     return Cells.of(np.ascontiguousarray(windows.transpose(0, 1, 3, 4, 2)))
 
 
-def fitted_cells(image: NDArray[np.uint8], view: FloorView, shape: tuple[int, int]) -> Cells:
+def fitted_cells(image: NDArray[np.uint8], view: FloorView) -> Cells:
     """Returns the cells of a floor whose view is fitted.
 
     The margin around a cell is its own mirror image. Otherwise the tape of its neighbours would
     look like its own, and so would the edge of a bright floor.
     """
-    rows, columns = shape
+    rows, columns = view.shape
     tile_px = _FINER * _TILE_PX
     floor = flatten(image, view, places_of(rows, columns, tile_px, 0), tile_px)
     size = columns * _TILE_PX, rows * _TILE_PX

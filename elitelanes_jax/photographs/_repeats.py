@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import KIND_OF, KINDS, rotate_codes
-from elitelanes_jax.photographs._equations import Equations, basis, tukey
-from elitelanes_jax.photographs._views import flatten, places_of
+from elitelanes_jax.photographs._equations import Measurement, tukey
+from elitelanes_jax.photographs._views import FloorView, flatten, places_of
 from elitelanes_jax.tiles.light import ground_of
 
 # The number of pixels that count as one measurement, at 64 pixels a tile, because texture and tape
@@ -54,31 +54,31 @@ def alike_cells(codes: NDArray[np.int8]) -> AlikeCells:
     return [cells for cells in groups.values() if sum(len(cell.turns) for cell in cells) > 1]
 
 
-def plus_cells(
-    equations: Equations,
+def compare_cells(
     image: NDArray[np.uint8],
+    view: FloorView,
     groups: AlikeCells,
     laid: NDArray[np.bool_],
     tile_px: int,
-) -> tuple[Equations, float]:
-    """Adds the comparison of cells to the equations of a view.
+) -> tuple[Measurement, float]:
+    """Returns how far cells of a kind are from where they look alike, and how alike they are.
 
-    Returns also the correlation of the cells with the mean of their kind. Without groups nothing is
-    added, and the correlation is 0.
+    The second result is the correlation of the cells with the mean of their kind. Without groups
+    nothing is measured, and the correlation is 0.
 
     Args:
-      equations: of the view.
       image: the photograph.
+      view: where the cells are in it.
       groups: the cells of each kind, from `alike_cells`.
       laid: bool ``[rows, columns]``, the cells that have a tile.
       tile_px: the pixels of a tile.
     """
     if not groups:
-        return equations, 0.0
-    places = places_of(*equations.shape, tile_px, 0)
-    flat = flatten(image, equations.view, places, tile_px)
+        return Measurement(np.empty((9, 0)), np.empty(0), np.empty(0)), 0.0
+    places = places_of(*view.shape, tile_px, 0)
+    flat = flatten(image, view, places, tile_px)
     tape = _tape_of(_with_ground_in_gaps(flat, laid, tile_px), tile_px)
-    moves = basis(equations.view, places, equations.shape)
+    moves = view.moves(places)
     # The first layer is the picture, and nine others are its derivatives by the parameters.
     down, right = np.gradient(tape)
     derivatives = (moves[..., 0] * right + moves[..., 1] * down) * tile_px
@@ -91,7 +91,7 @@ def plus_cells(
     # Larger pictures have more pixels, but not more measurements.
     weights = tukey(rest[0] / (4 * scale)) / (scale**2 * _GRAIN * (tile_px / 64) ** 2)
     correlation = 1 - rest[0].var() / max(mean.var() + rest[0].var() / 2, 1e-6)
-    return equations.plus(rest[1:], -rest[0], weights), float(np.clip(correlation, 0, 1))
+    return Measurement(rest[1:], -rest[0], weights), float(np.clip(correlation, 0, 1))
 
 
 def _compare(

@@ -81,8 +81,8 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
     check_named("photograph: image", check_picture, photograph.image)
     codes, sure = _read_cells(photograph, proposal)
     rows, columns = road_box(codes)
-    # A floor with these rows and columns has its middle in the middle of the tiles.
-    seen = proposal.view.tile_pixels(rows.start + rows.stop, columns.start + columns.stop)
+    middle = np.array([columns.start + columns.stop, rows.start + rows.stop]) / 2
+    seen = proposal.view.tile_pixels(middle)
     # The side is a multiple of 32 pixels.
     tile_px = int(np.clip(round(seen / 32) * 32, *_SIZES))
     cuts: list[Cut] = []
