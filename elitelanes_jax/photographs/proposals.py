@@ -83,6 +83,11 @@ class Proposal(NamedTuple):
         return self.score >= SURE
 
     @property
+    def refusal(self) -> str:
+        """A line that says why the tiles are not cut; empty if they are."""
+        return "" if self.is_sure else f"{self.photo}: {self.advice}"
+
+    @property
     def unsure_cells(self) -> list[list[int]]:
         """The row and the column, from 0, of each cell whose code is unsure."""
         return np.argwhere(np.array(self.sure) < SURE).tolist()
@@ -142,7 +147,7 @@ def propose_plan(
     plan: NDArray[np.int8],
     *,
     corners: Points | None,
-    tiles: TileSet,
+    tiles: TileSet | None,
     fit: bool,
 ) -> Proposal:
     """Proposes where the tiles of a planned floor are, and reads their kinds.
@@ -154,13 +159,13 @@ def propose_plan(
       photograph: the photograph, from `Photograph.read`.
       plan: the codes of the map that is planned ``[H, W]``. It does not tell the kinds.
       corners: as for `propose_tiles`.
-      tiles: pictures that kinds are read with.
+      tiles: as for `propose_tiles`.
       fit: whether the corners are fitted to the photograph, or taken as they are.
 
     Raises:
       InputError: as `propose_tiles` without `codes`.
     """
-    task = Task(photograph, Area.of_roads(plan), None, corners, tiles, fit)
+    task = Task(photograph, Area.of_roads(plan), None, corners, tiles or own_tiles(), fit)
     # If the user gives the corners of the whole plan, tiles in its empty border are seen too.
     if corners is not None:
         return _propose_whole(task) or _propose(task)
@@ -201,12 +206,12 @@ def _on_map(proposal: Proposal, area: Area) -> Proposal:
 
 def _propose(task: Task) -> Proposal:
     """Proposes where the tiles of an area are, whose codes may be known."""
-    image, is_map = task.photograph.image, task.codes is not None
-    if is_map and is_grey(image):
+    has_colours, is_map = not is_grey(task.photograph.image), task.codes is not None
+    if is_map and not has_colours:
         # Coloured pictures have stop lines that a grey crossing lacks.
         task = task._replace(tiles=in_grey(task.tiles))
     starts = find_starts(task)
-    if not is_map and is_grey(image):
+    if not is_map and not has_colours:
         check_grey_tiles(task.photograph, task.tiles)
     proposal = _propose_best(task, starts)
     if proposal.is_sure or task.corners is not None or not task.area.lacks_corner:
