@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from elitelanes_jax.photographs._views import FloorView, flatten, places_of
-from elitelanes_jax.tiles.light import ground_of
+from elitelanes_jax.tiles.light import colours_on_ground
 from elitelanes_jax.tiles.rendering import scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -139,15 +139,9 @@ def pictures_of(tiles: TileSet) -> list[CodedPicture]:
 
 def without_light(flat: NDArray[np.uint8]) -> Picture:
     """Returns a picture of a floor or a tile, RGB, without its light."""
-    relative = (flat.astype(np.float32) + 4) / ground_of(flat, _TILE_PX)[..., None]
-    red, green, blue = np.moveaxis(relative, -1, 0)
-    bright = np.clip(np.maximum(np.maximum(red, green), blue), 0, 3)
-    # Red exceeds both other channels in red tape. Red and green exceed blue in yellow tape.
-    parts = [
-        bright,
-        _CHROMA * np.clip(red - np.maximum(green, blue), 0, 2),
-        _CHROMA * np.clip(np.minimum(red, green) - blue, 0, 2),
-    ]
+    relative, red, yellow = colours_on_ground(flat, _TILE_PX)
+    bright = np.clip(relative.max(axis=-1), 0, 3)
+    parts = [bright, _CHROMA * np.clip(red, 0, 2), _CHROMA * np.clip(yellow, 0, 2)]
     return np.asarray(cv2.GaussianBlur(np.stack(parts, axis=-1), (0, 0), 1), np.float32)
 
 
