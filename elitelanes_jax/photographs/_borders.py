@@ -99,20 +99,10 @@ def contrasts(image: NDArray[np.uint8], view: FloorView, sides: Sides) -> NDArra
     colours just outside. The result is the median along the side: `MOST_CONTRAST` if all colours
     tell the tile from the floor, and 0 if none does or the colours on both sides are the same.
     """
-    reach = _BESIDE_REACH
-    steps = _steps_across(reach)
+    _, _, steps, likely = _likely_profiles(image, view, sides, _BESIDE_REACH)
     inside, outside = (steps < 0) & (steps > -_BESIDE), (steps > 0) & (steps < _BESIDE)
-    medians = []
-    _, _, colours = _point_colours(image, view, sides, steps)
-    for side in colours:
-        likely = _likelihoods(side, steps, reach)
-        medians.append(np.median(likely[:, inside].mean(axis=1) - likely[:, outside].mean(axis=1)))
-    return np.array(medians)
-
-
-def _steps_across(reach: float) -> NDArray[np.float64]:
-    """Returns places across a side, in tiles outwards, from outside to inside."""
-    return np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+    differences = likely[..., inside].mean(axis=-1) - likely[..., outside].mean(axis=-1)
+    return np.median(differences, axis=1)
 
 
 def profiles(
@@ -162,29 +152,29 @@ def _fine_profiles(
     return points, outwards, np.log(colours.astype(float) + _DARK)
 
 
-def _point_colours(
-    image: NDArray[np.uint8], view: FloorView, sides: Sides, steps: NDArray[np.float64]
-) -> tuple[Points, Points, NDArray[np.float64]]:
-    """Returns the mean colours across the sides at each point.
-
-    Returns points and directions as `profiles` does, and colours ``[S, A, T, 3]``.
-    """
-    points, outwards, colours = _fine_profiles(image, view, sides, steps)
-    return points, outwards, colours.reshape(len(sides), ALONG, _FINE, len(steps), 3).mean(axis=2)
-
-
 def colour_border(image: NDArray[np.uint8], view: FloorView, sides: Sides, reach: float) -> Border:
     """Returns where the colours of sides separate.
 
     The border is searched for within `reach` tiles of where the view has it.
     """
-    steps = _steps_across(reach)
-    points, outwards, colours = _point_colours(image, view, sides, steps)
-    offsets = []
-    for side in colours:
-        likely = _likelihoods(side, steps, reach)
-        offsets.append(_separate(likely, steps, reach))
-    return Border(points, outwards, np.stack(offsets))
+    points, outwards, steps, likely = _likely_profiles(image, view, sides, reach)
+    return Border(points, outwards, np.stack([_separate(side, steps, reach) for side in likely]))
+
+
+def _likely_profiles(
+    image: NDArray[np.uint8], view: FloorView, sides: Sides, reach: float
+) -> tuple[Points, Points, NDArray[np.float64], NDArray[np.float64]]:
+    """Returns where the colours across the sides are likelier the tiles' than the floor's.
+
+    Returns points and directions as `profiles` does, the T distances outwards of colours, from
+    outside to inside, and the likelihoods ``[S, A, T]``, see `_likelihoods`.
+    """
+    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+    points, outwards, fine = _fine_profiles(image, view, sides, steps)
+    # The colours of a point are the mean of its places.
+    colours = fine.reshape(len(sides), ALONG, _FINE, len(steps), 3).mean(axis=2)
+    likely = np.stack([_likelihoods(side, steps, reach) for side in colours])
+    return points, outwards, steps, likely
 
 
 def _likelihoods(

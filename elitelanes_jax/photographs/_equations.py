@@ -6,7 +6,6 @@ measurements are linear in a small change of the view.
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,8 +21,6 @@ _BEND = 0.06
 _EDGE_NOISE = 0.0015
 # The points along a side that count as independent.
 _INDEPENDENT = 6
-# The least side of a tile in a photograph, in pixels. In smaller tiles nothing is seen.
-_LEAST_PX = 16
 
 
 class Measurement(NamedTuple):
@@ -86,21 +83,9 @@ def take_step(view: FloorView, *measurements: Measurement) -> Step | None:
     spread = np.asarray(np.linalg.inv(matrix), np.float64)
     change = spread @ vector
     moved = view.changed(change)
-    if not _is_seen(moved):
+    if not moved.is_near_photograph:
         return None
     return Step(moved, spread, float(np.abs(change[:8]).max() * max(view.shape)))
-
-
-def _is_seen(view: FloorView) -> bool:
-    """Returns whether a view is one of a convex floor near the photograph.
-
-    A fit to pixels that show no tiles may leave the photograph.
-    """
-    pixels = view.pixels_of(view.corners)
-    if not np.isfinite(pixels).all() or np.abs(pixels).max() > 4 * max(view.width, view.height):
-        return False
-    seen = view.tile_pixels(view.corners.mean(axis=0))
-    return cv2.isContourConvex(pixels.astype(np.float32)) and seen > _LEAST_PX
 
 
 def tukey(ratio: NDArray[np.float64]) -> NDArray[np.float64]:

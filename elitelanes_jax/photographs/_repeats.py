@@ -34,7 +34,7 @@ class _Seen(NamedTuple):
 
     row: int
     column: int
-    turns: tuple[int, ...]
+    turns: list[int]
 
 
 AlikeCells = list[list[_Seen]]
@@ -45,13 +45,15 @@ def alike_cells(codes: NDArray[np.int8]) -> AlikeCells:
     """Returns the cells of each kind with at least two comparable pictures."""
     groups: dict[str, list[_Seen]] = {}
     for row, column in np.argwhere(codes > 0).tolist():
-        kind = KIND_OF[int(codes[row, column])]
-        first = KINDS[kind][0]
-        turns = tuple(
-            turn for turn in range(4) if rotate_codes(int(codes[row, column]), turn) == first
-        )
-        groups.setdefault(kind, []).append(_Seen(row, column, turns))
+        code = int(codes[row, column])
+        seen = _Seen(row, column, turns_to_first(code))
+        groups.setdefault(KIND_OF[code], []).append(seen)
     return [cells for cells in groups.values() if sum(len(cell.turns) for cell in cells) > 1]
+
+
+def turns_to_first(code: int) -> list[int]:
+    """Returns the quarter turns counter-clockwise that bring a code to the first one of its kind."""
+    return [turns for turns in range(4) if rotate_codes(code, turns) == KINDS[KIND_OF[code]][0]]
 
 
 def compare_cells(

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
 
+# The least side of a tile in a photograph, in pixels. In smaller tiles nothing is seen.
+_LEAST_PX = 16
+
 
 class FloorView(NamedTuple):
     """A camera's view of a floor.
@@ -93,15 +96,23 @@ class FloorView(NamedTuple):
             homography=homography / homography[2, 2], radial=self.radial + change[8]
         )
 
+    @property
+    def is_near_photograph(self) -> bool:
+        """Whether the floor is convex, near the photograph, and large enough to see its tiles.
+
+        A fit to pixels that show no tiles may leave the photograph.
+        """
+        pixels = self.pixels_of(self.corners)
+        if not np.isfinite(pixels).all() or np.abs(pixels).max() > 4 * max(self.width, self.height):
+            return False
+        seen = self.tile_pixels(self.corners.mean(axis=0))
+        return cv2.isContourConvex(pixels.astype(np.float32)) and seen > _LEAST_PX
+
     def scaled(self, scale: float) -> "FloorView":
         """Returns the view of the same photograph in another size."""
-        size = round(self.width * scale), round(self.height * scale)
-        stretch = np.diag([size[0] / self.width, size[1] / self.height, 1.0])
-        # Whole numbers are the centres of pixels. Therefore a scale also shifts by a part of a
-        # pixel.
-        stretch[:2, 2] = (stretch[0, 0] - 1) / 2, (stretch[1, 1] - 1) / 2
-        width, height = size
-        return self._replace(homography=stretch @ self.homography, width=width, height=height)
+        width, height = round(self.width * scale), round(self.height * scale)
+        homography = scaling(width / self.width, height / self.height) @ self.homography
+        return self._replace(homography=homography, width=width, height=height)
 
     def tile_pixels(self, middle: Points) -> float:
         """Returns the side in pixels of a tile with its middle at a position ``[2]`` in tiles."""
@@ -120,6 +131,12 @@ class FloorView(NamedTuple):
     @property
     def _half(self) -> float:
         return float(np.hypot(self.width, self.height) / 2)
+
+
+def scaling(across: float, down: float) -> NDArray[np.float64]:
+    """Returns the matrix ``[3, 3]`` from the pixels of a picture to those of the scaled picture."""
+    # Whole numbers are the centres of pixels. Therefore a scale also shifts by a part of a pixel.
+    return np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1]])
 
 
 def floor_corners(rows: int, columns: int) -> Points:
