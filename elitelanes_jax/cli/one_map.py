@@ -91,13 +91,7 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.maps.folder import foreign_to_picture
     from elitelanes_jax.tiles.object_set import load_objects
-    from elitelanes_jax.tiles.rendering import (
-        describe_other_pictures,
-        overlay,
-        render,
-        write_picture,
-        write_png,
-    )
+    from elitelanes_jax.tiles.rendering import describe_other_pictures, render, write_png
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
@@ -125,9 +119,9 @@ def _render(options: argparse.Namespace) -> int:
     with output_folder(
         out, {"command": "render"}, foreign=foreign_to_picture, force=options.force
     ) as work:
-        write_picture(work.files, picture)
+        picture.save(work.files)
         if options.overlay:
-            write_png(work.files / "overlay.png", overlay(picture))
+            write_png(work.files / "overlay.png", picture.overlay())
     say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
     return 0
 

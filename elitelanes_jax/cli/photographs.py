@@ -218,10 +218,10 @@ def _describe_set(cut: "CutFloors", out: Path) -> list[str]:
     copies = [tile.name for tile in cut.cuts if tile.copy_of]
     if copies:
         lines.append(f"nearly copies of other tiles: {list_some(copies, _MOST_NAMED)}")
-    for file, proposal in cut.used:
+    for proposal in cut.used:
         # A tile of an unsure kind was not cut, and the user can add it by hand.
         lines += [
-            f"{file}: left out the tile at {describe_cell(*cell)}, its kind is unsure"
+            f"{proposal.photo}: left out the tile at {describe_cell(*cell)}, its kind is unsure"
             for cell in proposal.unsure_cells
         ]
     return lines
@@ -262,12 +262,13 @@ def _read(options: argparse.Namespace) -> int:
         if file is not None:
             check_new(file)
     # The plan does not tell the kinds. It is what they are compared with.
-    found_floor = find_floor(floor, options.camera, load_tiles(options.tiles), trusts_map=False)
+    tiles = load_tiles(options.tiles)
+    photograph, proposal = find_floor(floor, options.camera, tiles, trusts_map=False)
     # A floor that was not found has no codes that mean anything.
-    if found_floor.refusal:
-        raise InputError("", "", found_floor.refusal)
+    if not proposal.is_sure:
+        raise InputError("", "", proposal.refusal)
     # The photograph may be taken from any side of the floor.
-    laid = read_laid(found_floor.proposal, None if plan is None else plan.codes)
+    laid = read_laid(proposal, None if plan is None else plan.codes)
     # The map comes first, then unsure tiles, then differences from the plan.
     lines = [draw_text(laid.codes, named=True)]
     lines += [f"{describe_cell(*cell)}: unsure" for cell in laid.unsure]
@@ -284,9 +285,7 @@ def _read(options: argparse.Namespace) -> int:
         from elitelanes_jax.tiles.rendering import write_png
 
         with never_replacing(options.picture):
-            write_png(
-                options.picture, draw_laid(found_floor.photograph, found_floor.proposal, laid)
-            )
+            write_png(options.picture, draw_laid(photograph, proposal, laid))
     say("\n".join(lines), asked=True)
     return 0
 
@@ -302,21 +301,17 @@ def _floors(
 
     from elitelanes_jax.photographs.floors import Floor
 
-    sizes = [None] * len(files) if options.size is None else for_each("--size", options.size, files)
-    maps = [None] * len(files) if plans is None else for_each("--map", plans, files)
-    corners: Sequence[NDArray[np.float64] | None]
-    if options.corners is None:
-        # Without corners there is nothing to take exactly.
-        if options.exact:
-            raise InputError("--exact", "--corners", "none")
-        corners = [None] * len(files)
-    elif len(options.corners) == len(files):
-        corners = [np.array(points, float).reshape(4, 2) for points in options.corners]
-    else:
+    sizes = for_each("--size", options.size or [None], files)
+    maps = for_each("--map", plans or [None], files)
+    # Without corners there is nothing to take exactly.
+    if options.exact and not options.corners:
+        raise InputError("--exact", "--corners", "none")
+    corners = options.corners or [None] * len(files)
+    if len(corners) != len(files):
         raise InputError(
             "--corners",
             f"the option once for each of {pluralize(len(files), 'photograph')}",
-            f"it for {len(options.corners)}",
+            f"it for {len(corners)}",
         )
     floors = []
     for file, size, plan, points in zip(files, sizes, maps, corners, strict=True):
@@ -326,7 +321,8 @@ def _floors(
             _check_size(size, plan.codes.shape, laid_shape)
             shape = laid_shape
         codes = None if plan is None else plan.codes
-        floors.append(Floor(file, shape, codes, points, options.exact))
+        pixels = None if points is None else np.array(points, float).reshape(4, 2)
+        floors.append(Floor(file, shape, codes, pixels, options.exact))
     return floors
 
 

@@ -70,16 +70,16 @@ def _check(options: argparse.Namespace) -> int:
 def _masks(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.masking import COLOURS, mask_folder, parse_colour, proposal_sheet
 
+    named = [mask for mask in _MASKED if getattr(options, mask) is not None]
     colours = dict(COLOURS)
-    for mask in _MASKED:
-        if getattr(options, mask) is not None:
-            # An error about a range names its option.
-            with naming(f"--{mask}"):
-                colours[mask] = parse_colour(getattr(options, mask))
+    for mask in named:
+        # An error about a range names its option.
+        with naming(f"--{mask}"):
+            colours[mask] = parse_colour(getattr(options, mask))
     sheet = options.folder / "masks.png"
     # With --overwrite, only masks whose colours are named are replaced. Without colours, all are.
-    named = [mask for mask in _MASKED if getattr(options, mask) is not None] or _MASKED
-    proposals = mask_folder(options.folder, colours, named if options.overwrite else ())
+    replaced = (named or _MASKED) if options.overwrite else ()
+    proposals = mask_folder(options.folder, colours, replaced)
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
     masks = {
         proposal.folder / f"{mask}.png": proposal.masks[mask].astype("uint8") * 255

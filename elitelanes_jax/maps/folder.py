@@ -25,13 +25,7 @@ from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, pin_signs
-from elitelanes_jax.tiles.rendering import (
-    choose_tiles,
-    record_choice,
-    render,
-    write_picture,
-    write_png,
-)
+from elitelanes_jax.tiles.rendering import choose_tiles, record_choice, render, write_png
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 ARCHIVE = "archive.npz"
@@ -129,7 +123,7 @@ def _draw_map(
     road_map = replace(plain, drawn=record_choice(tiles, chosen))
     map_folder = folder / f"{index:04d}"
     map_folder.mkdir(parents=True)
-    write_picture(map_folder, render(plain, tiles, tile_px=drawing.tile_px, chosen=chosen))
+    render(plain, tiles, tile_px=drawing.tile_px, chosen=chosen).save(map_folder)
     road_map.save(map_folder / "map.json")
     # The map on the sheet has the same tile pictures, drawn at another size.
     small = render(plain, tiles, tile_px=sheet.tile_px, chosen=chosen).image

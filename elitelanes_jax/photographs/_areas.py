@@ -43,7 +43,8 @@ class Area(NamedTuple):
         shape = rows.stop - rows.start, columns.stop - columns.start
         corners = codes[rows, columns][[0, 0, -1, -1], [0, -1, 0, -1]]
         lacks_corner = not corners.all()
-        return Area(rows.start, columns.start, shape, _shape_of(codes), lacks_corner)
+        map_shape = len(codes), codes.shape[1]
+        return Area(rows.start, columns.start, shape, map_shape, lacks_corner)
 
     @staticmethod
     def shown(codes: NDArray[np.int8], shape: tuple[int, int]) -> "Area":
@@ -52,7 +53,7 @@ class Area(NamedTuple):
         A floor with tiles in the map's empty border shows the whole map. The floor may be turned.
         """
         if sorted(shape) == sorted(codes.shape):
-            return Area.whole(_shape_of(codes))
+            return Area.whole((len(codes), codes.shape[1]))
         return Area.of_roads(codes)
 
     @property
@@ -83,8 +84,3 @@ class Area(NamedTuple):
         """
         view = view_of(corners, *self.map_shape, width, height)
         return view.pixels_of(floor_corners(*self.shape) + self.first)
-
-
-def _shape_of(codes: NDArray[np.int8]) -> tuple[int, int]:
-    rows, columns = codes.shape
-    return rows, columns

@@ -99,42 +99,39 @@ def contrasts(image: NDArray[np.uint8], view: FloorView, sides: Sides) -> NDArra
     colours just outside. The result is the median along the side: `MOST_CONTRAST` if all colours
     tell the tile from the floor, and 0 if none does or the colours on both sides are the same.
     """
-    reach = _BESIDE_REACH
-    steps = _steps_across(reach)
+    _, _, steps, likely = _likely_profiles(image, view, sides, _BESIDE_REACH)
     inside, outside = (steps < 0) & (steps > -_BESIDE), (steps > 0) & (steps < _BESIDE)
-    medians = []
-    _, _, colours = _point_colours(image, view, sides, steps)
-    for side in colours:
-        likely = _likelihoods(side, steps, reach)
-        medians.append(np.median(likely[:, inside].mean(axis=1) - likely[:, outside].mean(axis=1)))
-    return np.array(medians)
+    differences = likely[..., inside].mean(axis=-1) - likely[..., outside].mean(axis=-1)
+    return np.median(differences, axis=1)
 
 
-def _steps_across(reach: float) -> NDArray[np.float64]:
-    """Returns places across a side, in tiles outwards, from outside to inside."""
-    return np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
-
-
-def _profiles(
-    image: NDArray[np.uint8], view: FloorView, sides: Sides, steps: NDArray[np.float64]
-) -> tuple[Points, Points, NDArray[np.float64]]:
+def profiles(
+    image: NDArray[np.uint8],
+    view: FloorView,
+    sides: Sides,
+    steps: NDArray[np.float64],
+    fine: int,
+    tile_px: float,
+) -> tuple[Points, Points, NDArray[np.uint8]]:
     """Returns the colours across the sides of tiles.
 
-    S sides have A points each, and a point has `_FINE` places along the side, F in all for a side.
+    S sides have A points each, and a point has `fine` places along the side, F in all for a side.
 
     Args:
       image: the photograph.
       view: where the tiles are in it.
       sides: the sides.
       steps: float ``[T]``, the distances outwards at which colours are read, in tiles.
+      fine: the places of a point.
+      tile_px: the pixels of a tile to which the photograph is reduced, see `flatten`.
 
     Returns:
-      The points on the sides ``[S, A, 2]``; the directions out ``[S, 1, 2]``; and the logarithms of
-      the colours ``[S, F, T, 3]``.
+      The points on the sides ``[S, A, 2]``; the directions out ``[S, 1, 2]``; and the colours
+      ``[S, F, T, 3]``, RGB.
     """
     # Shapes [S, 1, 2].
     middles, outwards = (np.array(part, float)[:, None] for part in zip(*sides, strict=True))
-    count = _FINE * ALONG
+    count = fine * ALONG
     # A direction out of the tile with swapped coordinates points along the side.
     along = (np.arange(count) + 0.5)[None, :, None] / count - 0.5
     # Shape [S, F, 2].
@@ -142,21 +139,17 @@ def _profiles(
     # Shape [S, F, T, 2].
     across = places[:, :, None] + steps[:, None] * outwards[:, :, None]
     # `flatten` takes places in rows and columns.
-    rows = flatten(image, view, across.reshape(-1, len(steps), 2), 1 / _STEP)
-    pixels = rows.reshape(len(sides), count, len(steps), 3)
-    points = places.reshape(len(sides), ALONG, _FINE, 2).mean(axis=2)
-    return points, outwards, np.log(pixels.astype(float) + _DARK)
+    rows = flatten(image, view, across.reshape(-1, len(steps), 2), tile_px)
+    points = places.reshape(len(sides), ALONG, fine, 2).mean(axis=2)
+    return points, outwards, rows.reshape(len(sides), count, len(steps), 3)
 
 
-def _point_colours(
+def _fine_profiles(
     image: NDArray[np.uint8], view: FloorView, sides: Sides, steps: NDArray[np.float64]
 ) -> tuple[Points, Points, NDArray[np.float64]]:
-    """Returns the mean colours across the sides at each point.
-
-    Returns points and directions as `_profiles` does, and colours ``[S, A, T, 3]``.
-    """
-    points, outwards, colours = _profiles(image, view, sides, steps)
-    return points, outwards, colours.reshape(len(sides), ALONG, _FINE, len(steps), 3).mean(axis=2)
+    """Returns what `profiles` does with `_FINE` places a point, and logarithms of the colours."""
+    points, outwards, colours = profiles(image, view, sides, steps, _FINE, 1 / _STEP)
+    return points, outwards, np.log(colours.astype(float) + _DARK)
 
 
 def colour_border(image: NDArray[np.uint8], view: FloorView, sides: Sides, reach: float) -> Border:
@@ -164,13 +157,24 @@ def colour_border(image: NDArray[np.uint8], view: FloorView, sides: Sides, reach
 
     The border is searched for within `reach` tiles of where the view has it.
     """
-    steps = _steps_across(reach)
-    points, outwards, colours = _point_colours(image, view, sides, steps)
-    offsets = []
-    for side in colours:
-        likely = _likelihoods(side, steps, reach)
-        offsets.append(_separate(likely, steps, reach))
-    return Border(points, outwards, np.stack(offsets))
+    points, outwards, steps, likely = _likely_profiles(image, view, sides, reach)
+    return Border(points, outwards, np.stack([_separate(side, steps, reach) for side in likely]))
+
+
+def _likely_profiles(
+    image: NDArray[np.uint8], view: FloorView, sides: Sides, reach: float
+) -> tuple[Points, Points, NDArray[np.float64], NDArray[np.float64]]:
+    """Returns where the colours across the sides are likelier the tiles' than the floor's.
+
+    Returns points and directions as `profiles` does, the T distances outwards of colours, from
+    outside to inside, and the likelihoods ``[S, A, T]``, see `_likelihoods`.
+    """
+    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+    points, outwards, fine = _fine_profiles(image, view, sides, steps)
+    # The colours of a point are the mean of its places.
+    colours = fine.reshape(len(sides), ALONG, _FINE, len(steps), 3).mean(axis=2)
+    likely = np.stack([_likelihoods(side, steps, reach) for side in colours])
+    return points, outwards, steps, likely
 
 
 def _likelihoods(
@@ -303,7 +307,7 @@ def _contrasting_profiles(
     # Inside, the steps end where the change at the reach still has all its steps.
     end = -_SHARP_REACH - (_CHANGE_STEPS + 1.5) * _STEP
     steps = np.arange(_SHARP_REACH + _RING, end, -_STEP)
-    points, outwards, colours = _profiles(image, view, sides, steps)
+    points, outwards, colours = _fine_profiles(image, view, sides, steps)
     for side in range(len(sides)):
         floor = colours[side][:, steps > _SHARP_REACH + _FLOOR_GAP].reshape(-1, 3)
         # After this product the floor's colours are uncorrelated and vary by about 1. A difference

@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from elitelanes_jax.photographs._views import FloorView, flatten, places_of
-from elitelanes_jax.tiles.light import ground_of
+from elitelanes_jax.tiles.light import colours_on_ground
 from elitelanes_jax.tiles.rendering import scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -85,25 +85,25 @@ class Cells(NamedTuple):
         return alike
 
 
-def guessed_cells(image: NDArray[np.uint8], view: FloorView, shape: tuple[int, int]) -> Cells:
+def guessed_cells(image: NDArray[np.uint8], view: FloorView) -> Cells:
     """Returns the cells of a floor whose view may be off by up to an eighth of a tile.
 
     The margin around a cell shows what is around it in the photograph.
     """
-    places = places_of(*shape, _TILE_PX, _MARGIN_PX)
+    places = places_of(*view.shape, _TILE_PX, _MARGIN_PX)
     floor = without_light(flatten(image, view, places, _TILE_PX))
     side = _TILE_PX + 2 * _MARGIN_PX
     windows = sliding_window_view(floor, (side, side), axis=(0, 1))[::_TILE_PX, ::_TILE_PX]
     return Cells.of(np.ascontiguousarray(windows.transpose(0, 1, 3, 4, 2)))
 
 
-def fitted_cells(image: NDArray[np.uint8], view: FloorView, shape: tuple[int, int]) -> Cells:
+def fitted_cells(image: NDArray[np.uint8], view: FloorView) -> Cells:
     """Returns the cells of a floor whose view is fitted.
 
     The margin around a cell is its own mirror image. Otherwise the tape of its neighbours would
     look like its own, and so would the edge of a bright floor.
     """
-    rows, columns = shape
+    rows, columns = view.shape
     tile_px = _FINER * _TILE_PX
     floor = flatten(image, view, places_of(rows, columns, tile_px, 0), tile_px)
     size = columns * _TILE_PX, rows * _TILE_PX
@@ -139,15 +139,9 @@ def pictures_of(tiles: TileSet) -> list[CodedPicture]:
 
 def without_light(flat: NDArray[np.uint8]) -> Picture:
     """Returns a picture of a floor or a tile, RGB, without its light."""
-    relative = (flat.astype(np.float32) + 4) / ground_of(flat, _TILE_PX)[..., None]
-    red, green, blue = np.moveaxis(relative, -1, 0)
-    bright = np.clip(np.maximum(np.maximum(red, green), blue), 0, 3)
-    # Red exceeds both other channels in red tape. Red and green exceed blue in yellow tape.
-    parts = [
-        bright,
-        _CHROMA * np.clip(red - np.maximum(green, blue), 0, 2),
-        _CHROMA * np.clip(np.minimum(red, green) - blue, 0, 2),
-    ]
+    relative, red, yellow = colours_on_ground(flat, _TILE_PX)
+    bright = np.clip(relative.max(axis=-1), 0, 3)
+    parts = [bright, _CHROMA * np.clip(red, 0, 2), _CHROMA * np.clip(yellow, 0, 2)]
     return np.asarray(cv2.GaussianBlur(np.stack(parts, axis=-1), (0, 0), 1), np.float32)
 
 

@@ -5,8 +5,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from elitelanes_jax.photographs._borders import ALONG, Border, Sides
-from elitelanes_jax.photographs._views import FloorView, flatten
+from elitelanes_jax.photographs._borders import Border, Sides, profiles
+from elitelanes_jax.photographs._views import FloorView
 
 Field = NDArray[np.float32]
 
@@ -25,16 +25,11 @@ _STEP = 1 / 160
 
 def edge_border(image: NDArray[np.uint8], view: FloorView, sides: Sides, reach: float) -> Border:
     """Returns where the border of sides is seen, within a reach of where a view has it."""
-    outwards = np.array([normal for _, normal in sides], float)[:, None]
-    along = (np.arange(ALONG) + 0.5)[None, :, None] / ALONG - 0.5
-    points = np.array([middle for middle, _ in sides])[:, None] + along * outwards[..., ::-1]
+    # The steps go from outside to inside.
     steps = np.arange(_MARGIN, -reach - 0.06, -_STEP)
-    # The places go from outside to inside.
-    profile = points[:, :, None] + steps[:, None] * outwards[:, :, None]
-    colours = flatten(image, view, profile.reshape(-1, len(steps), 2), 1 / _STEP).reshape(
-        -1, len(steps), 3
-    )
-    lab = cv2.cvtColor(colours, cv2.COLOR_RGB2LAB).reshape(*profile.shape[:3], 3).astype(np.float32)
+    points, outwards, colours = profiles(image, view, sides, steps, 1, 1 / _STEP)
+    rows = cv2.cvtColor(colours.reshape(-1, len(steps), 3), cv2.COLOR_RGB2LAB)
+    lab = rows.reshape(colours.shape).astype(np.float32)
     return Border(points, outwards, _first_edges(lab, steps, reach))
 
 

@@ -21,8 +21,8 @@ from elitelanes_jax.photographs._borders import (
     sharpest_border,
 )
 from elitelanes_jax.photographs._edges import edge_border
-from elitelanes_jax.photographs._equations import UNKNOWN_SPREAD, Equations, largest_spread, tukey
-from elitelanes_jax.photographs._repeats import AlikeCells, alike_cells, plus_cells
+from elitelanes_jax.photographs._equations import measure_border, take_step, tukey
+from elitelanes_jax.photographs._repeats import AlikeCells, alike_cells, compare_cells
 from elitelanes_jax.photographs._views import FloorView
 
 SIDES_OF_TILE = outer_sides(np.ones((1, 1), np.int8))
@@ -62,6 +62,10 @@ _COLOUR_NOISE = 0.01
 _COLOUR_ROUNDS = 3
 # The least contrast, of 6, of a side whose border is looked for by colours.
 _CLEAR_COLOURS = 2.5
+# The spread of a view that could not be fitted. It is too large for any corner to be sure.
+_UNKNOWN_SPREAD = np.eye(9)
+# The spread of exact corners, which are nearly sure.
+_NO_SPREAD = np.eye(9) * 1e-7
 # The least change, in tiles, after which a further one is made at the same size.
 _STILL = 3e-4
 # The distance within which a point is on the border, in tiles.
@@ -88,6 +92,18 @@ class Fit(NamedTuple):
     alike: float = 0.0
     border: NDArray[np.float64] = np.zeros(4)
 
+    @staticmethod
+    def exact(view: FloorView) -> "Fit":
+        """Returns the fit of a view that is taken as it is. All of its border counts as seen."""
+        return Fit(view, _NO_SPREAD, 1.0, np.ones(4))
+
+    @property
+    def corner_spread(self) -> float:
+        """The standard deviation of the least sure corner, in tiles."""
+        moves = self.view.moves(self.view.corners)
+        variances = np.einsum("icd,ij,jcd->c", moves, self.spread, moves)
+        return float(np.sqrt(variances.max()))
+
 
 class _Floor(NamedTuple):
     """What of a photographed floor is measured.
@@ -113,38 +129,31 @@ class _Floor(NamedTuple):
         directions = np.array([order.index(normal) for _, normal in sides], int)
         return _Floor(image, codes > 0, alike_cells(codes), sides, directions)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """The rows and columns of the floor."""
-        rows, columns = self.laid.shape
-        return rows, columns
-
-    def spread(self, fit: Fit) -> float:
-        return largest_spread(fit.view, fit.spread, self.shape)
-
 
 def fit_view(image: NDArray[np.uint8], view: FloorView, codes: NDArray[np.int8]) -> Fit:
-    """Fits the view of a floor of several tiles to a photograph.
+    """Fits the view of a floor to a photograph.
 
     Args:
       image: uint8 ``[H, W, 3]``, RGB.
       view: a first guess, off by up to a tenth of a tile.
       codes: the codes of the tiles ``[rows, columns]``; 0 is a cell without a tile.
     """
+    if codes.size == 1:
+        return _fit_tile(image, view)
     floor = _Floor.of(image, codes)
-    fit = Fit(view, UNKNOWN_SPREAD)
+    fit = Fit(view, _UNKNOWN_SPREAD)
     for size in _SIZES:
         fit = _refine(floor, fit, size, np.ones(4, bool))
     # Cells alone fit the view a second time, to check the border.
     alone = _refine(floor, fit, _FINEST, np.zeros(4, bool))
-    if floor.spread(alone) <= _VAGUE:
+    if alone.corner_spread <= _VAGUE:
         # Tape along the border of a floor that is as dark as asphalt looks like a border, but cells
         # say where it is.
         fit = _refine(floor, alone, _FINEST, _borders_where_cells_have_them(floor, alone.view))
-    if floor.spread(fit) <= _EXACT:
+    if fit.corner_spread <= _EXACT:
         return fit
     # The fit that tells the corners better is returned.
-    return min(fit, _fit_colours(floor, fit), key=floor.spread)
+    return min(fit, _fit_colours(floor, fit), key=lambda fitted: fitted.corner_spread)
 
 
 def _refine(floor: _Floor, fit: Fit, size: _Size, trusted: NDArray[np.bool_]) -> Fit:
@@ -153,14 +162,13 @@ def _refine(floor: _Floor, fit: Fit, size: _Size, trusted: NDArray[np.bool_]) ->
     `trusted` says which of the borders to the north, east, south and west count.
     """
     for _ in range(size.rounds):
-        equations = Equations.before(fit.view, floor.shape)
-        equations, alike = plus_cells(equations, floor.image, floor.alike, floor.laid, size.tile_px)
+        cells, alike = compare_cells(floor.image, fit.view, floor.alike, floor.laid, size.tile_px)
         border = edge_border(floor.image, fit.view, floor.sides, size.reach)
         near = tukey(np.nan_to_num(border.offsets / size.reach, nan=1.0))
         trust = near * trusted[floor.directions][:, None]
-        step = equations.plus_border(border, trust).solve()
+        step = take_step(fit.view, cells, measure_border(fit.view, border, trust))
         if step is None:
-            return Fit(fit.view, UNKNOWN_SPREAD, fit.alike)
+            return Fit(fit.view, _UNKNOWN_SPREAD, fit.alike)
         offsets = np.abs(np.nan_to_num(border.offsets, nan=1.0))
         seen = [(part < _ON_BORDER).mean() for part in _by_direction(floor, offsets)]
         fit = Fit(step.view, step.spread, alike, np.array(seen))
@@ -203,13 +211,13 @@ def _fit_colours(floor: _Floor, fit: Fit) -> Fit:
         if not sides or np.isnan(shadow):
             return fit_by_edges
         for _ in range(_COLOUR_ROUNDS):
-            equations = Equations.before(fit.view, floor.shape)
-            equations, alike = plus_cells(
-                equations, floor.image, floor.alike, floor.laid, _FINEST.tile_px
+            cells, alike = compare_cells(
+                floor.image, fit.view, floor.alike, floor.laid, _FINEST.tile_px
             )
             border = colour_border(floor.image, fit.view, sides, reach)
             border = border._replace(offsets=border.offsets - shadow)
-            step = equations.plus_border(border, noise=_COLOUR_NOISE).solve()
+            offsets = measure_border(fit.view, border, noise=_COLOUR_NOISE)
+            step = take_step(fit.view, cells, offsets)
             if step is None:
                 return fit_by_edges
             fit = fit._replace(view=step.view, spread=step.spread, alike=alike)
@@ -218,28 +226,23 @@ def _fit_colours(floor: _Floor, fit: Fit) -> Fit:
     return fit
 
 
-def fit_tile(image: NDArray[np.uint8], view: FloorView) -> Fit:
-    """Fits the view of a single tile by the colours that tell its ground from the floor around it.
-
-    Args:
-      image: uint8 ``[H, W, 3]``, RGB.
-      view: a first guess, off by up to a tenth of a tile.
-    """
-    fit = Fit(view, UNKNOWN_SPREAD)
+def _fit_tile(image: NDArray[np.uint8], view: FloorView) -> Fit:
+    """Fits the view of a single tile by the colours that tell its ground from the floor around it."""
+    fit = Fit(view, _UNKNOWN_SPREAD)
     for reach in (*_TILE_REACHES, None):
         for _ in range(_TILE_ROUNDS):
-            equations = Equations.before(fit.view, (1, 1))
             # The last rounds use the sharpest edge. It is exact, but only looked for close to the
             # side.
             if reach is None:
-                equations = equations.plus_border(sharpest_border(image, fit.view, SIDES_OF_TILE))
+                border = sharpest_border(image, fit.view, SIDES_OF_TILE)
+                offsets = measure_border(fit.view, border)
             else:
                 # One side may be off by the whole reach, and the others by nothing.
                 border = colour_border(image, fit.view, SIDES_OF_TILE, reach)
-                equations = equations.plus_border(border, noise=reach / 3)
-            step = equations.solve()
+                offsets = measure_border(fit.view, border, noise=reach / 3)
+            step = take_step(fit.view, offsets)
             if step is None:
-                return Fit(fit.view, UNKNOWN_SPREAD)
+                return Fit(fit.view, _UNKNOWN_SPREAD)
             fit = Fit(step.view, step.spread)
             if step.size < _STILL:
                 break

@@ -32,27 +32,27 @@ _SUDDEN, _WINDOWS = 0.65, 32
 _MOST = 0.6
 
 
-class JpegHeader(NamedTuple):
-    """The segments of a JPEG file before its pixels.
+class EncodedPicture(NamedTuple):
+    """The picture in a file, as the sensor has it.
 
     Attributes:
       width: the width of the picture in pixels.
       height: the height of the picture in pixels.
       exif: the EXIF data, empty if there are none.
-      plain: the file without the bytes between segments, which decoders skip with a complaint.
+      content: a file of the same format without the bytes that decoders skip with a complaint.
     """
 
     width: int
     height: int
     exif: bytes
-    plain: bytes
+    content: bytes
 
 
 def is_jpeg(content: bytes) -> bool:
     return content[:3] == b"\xff\xd8\xff"
 
 
-def read_header(content: bytes) -> JpegHeader | None:
+def read_header(content: bytes) -> EncodedPicture | None:
     """Reads the header of a JPEG file. Returns None if it has no size before its pixels."""
     size, exif, parts = (0, 0), b"", [content[:2]]
     for segment in _segments_of(content):
@@ -62,18 +62,19 @@ def read_header(content: bytes) -> JpegHeader | None:
             size = int.from_bytes(segment.data[3:5]), int.from_bytes(segment.data[1:3])
         if segment.kind == _APPLICATION and segment.data.startswith(_EXIF) and not exif:
             exif = segment.data.removeprefix(_EXIF)
-    return JpegHeader(*size, exif, b"".join(parts)) if all(size) else None
+    return EncodedPicture(*size, exif, b"".join(parts)) if all(size) else None
 
 
-def is_damaged(header: JpegHeader) -> bool:
+def is_damaged(picture: EncodedPicture) -> bool:
     """Returns whether the pixels of a JPEG file have a damaged or missing stretch.
 
     OpenCV decodes such files, and all pixels after the damage may be wrong.
     """
     try:
         # An eighth of the size is quick, and all of the file is read for it.
-        blocks = simplejpeg.decode_jpeg(header.plain, "BGR", min_height=1, min_width=1, strict=True)
-        _, _, _, sampling = simplejpeg.decode_jpeg_header(header.plain)
+        content = picture.content
+        blocks = simplejpeg.decode_jpeg(content, "BGR", min_height=1, min_width=1, strict=True)
+        _, _, _, sampling = simplejpeg.decode_jpeg_header(content)
     except ValueError:
         return True
     return _is_shifted(blocks.astype(np.float32), _TALL.get(sampling, 1))

@@ -97,15 +97,15 @@ def _score(cells: Cells, pictures: Sequence[CodedPicture]) -> NDArray[np.float64
     if cells.shape != (1, 1):
         scores[..., 0] = _EMPTY
     alike = cells.likeness([picture for _, picture in pictures])
-    return _with_best(scores, [code for code, _ in pictures], alike)
+    return _with_best(scores, pictures, alike)
 
 
 def _with_best(
-    scores: NDArray[np.float64], codes: Sequence[int], alike: NDArray[np.float64]
+    scores: NDArray[np.float64], pictures: Sequence[CodedPicture], alike: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Returns the larger of each score and of how alike the cell is to P pictures of its code."""
     best = scores.copy()
-    for index, code in enumerate(codes):
+    for index, (code, _) in enumerate(pictures):
         best[..., code] = np.maximum(best[..., code], alike[..., index])
     return best
 
@@ -131,7 +131,7 @@ def _compare_cells(cells: Cells, scores: NDArray[np.float64]) -> NDArray[np.floa
     # A cell is not compared with itself.
     for index, (row, column) in enumerate(places):
         alike[row, column, index] = -1.0
-    return _with_best(scores, [code for code, _ in shown], alike)
+    return _with_best(scores, shown, alike)
 
 
 def _handed(cells: Cells, scores: NDArray[np.float64], pictures: Sequence[CodedPicture]) -> float:

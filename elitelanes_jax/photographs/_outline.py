@@ -154,11 +154,11 @@ def _quadrangles(mask: NDArray[np.uint8]) -> list[Points]:
             cv2.pointPolygonTest(quad, tuple(map(float, point)), True) > -3 for point in edges
         )
         if around and cv2.isContourConvex(quad):
-            around_hull.append((area, first_at_top_left(quad.astype(np.float64))))
+            around_hull.append((area, _first_at_top_left(quad.astype(np.float64))))
     return [quad for _, quad in sorted(around_hull, key=lambda found: found[0])]
 
 
-def first_at_top_left(corners: Points) -> Points:
+def _first_at_top_left(corners: Points) -> Points:
     """Returns corners in clockwise order as seen.
 
     The first corner is the one nearest to the picture's top left.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import MIB, read_bytes
-from elitelanes_jax.photographs._jpeg import is_damaged, is_jpeg, read_header
+from elitelanes_jax.photographs._jpeg import EncodedPicture, is_damaged, is_jpeg, read_header
 from elitelanes_jax.tiles.files import decode_png, plain_png, png_parts, png_size
 
 # The most bytes of a file.
@@ -70,44 +70,28 @@ def read_picture(file: Path) -> SensorPicture:
     return SensorPicture(red_first, shrunk, opened.exif)
 
 
-class _PictureFile(NamedTuple):
-    """A file of a picture.
-
-    Attributes:
-      content: the bytes of the file that hold the picture.
-      width: the width of the sensor's picture in pixels.
-      height: the height of the sensor's picture in pixels.
-      exif: the EXIF data, empty if there are none.
-    """
-
-    content: bytes
-    width: int
-    height: int
-    exif: bytes
-
-
-def _open(file: Path) -> _PictureFile:
+def _open(file: Path) -> EncodedPicture:
     """Reads a JPEG or PNG file, whose picture is whole and neither too large nor transparent."""
     content = _read_content(file)
     return _open_jpeg(file, content) if is_jpeg(content) else _open_png(file, content)
 
 
-def _open_jpeg(file: Path, content: bytes) -> _PictureFile:
-    header = read_header(content)
-    if header is None:
+def _open_jpeg(file: Path, content: bytes) -> EncodedPicture:
+    picture = read_header(content)
+    if picture is None:
         raise _unreadable_error(file)
-    _check_pixels(file, header.width, header.height, _MOST_PIXELS, "save it smaller")
-    if is_damaged(header):
+    _check_pixels(file, picture.width, picture.height, _MOST_PIXELS, "save it smaller")
+    if is_damaged(picture):
         raise InputError(
             file,
             "a whole photograph",
             "a file with a damaged stretch",
             "copy it from the camera again",
         )
-    return _PictureFile(header.plain, header.width, header.height, header.exif)
+    return picture
 
 
-def _open_png(file: Path, content: bytes) -> _PictureFile:
+def _open_png(file: Path, content: bytes) -> EncodedPicture:
     try:
         width, height = png_size(content)
     except ValueError:
@@ -121,7 +105,7 @@ def _open_png(file: Path, content: bytes) -> _PictureFile:
         expected = "a photograph without transparent pixels, which hide colours"
         raise InputError(file, expected, "one with some", "save it as JPEG")
     exif = next((part.data for part in png_parts(content) if part.kind == b"eXIf"), b"")
-    return _PictureFile(plain, width, height, exif)
+    return EncodedPicture(width, height, exif, plain)
 
 
 def _read_content(file: Path) -> bytes:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import KIND_OF, KINDS, rotate_codes
-from elitelanes_jax.photographs._equations import Equations, basis, tukey
-from elitelanes_jax.photographs._views import flatten, places_of
+from elitelanes_jax.photographs._equations import Measurement, tukey
+from elitelanes_jax.photographs._views import FloorView, flatten, places_of
 from elitelanes_jax.tiles.light import ground_of
 
 # The number of pixels that count as one measurement, at 64 pixels a tile, because texture and tape
@@ -34,7 +34,7 @@ class _Seen(NamedTuple):
 
     row: int
     column: int
-    turns: tuple[int, ...]
+    turns: list[int]
 
 
 AlikeCells = list[list[_Seen]]
@@ -45,40 +45,42 @@ def alike_cells(codes: NDArray[np.int8]) -> AlikeCells:
     """Returns the cells of each kind with at least two comparable pictures."""
     groups: dict[str, list[_Seen]] = {}
     for row, column in np.argwhere(codes > 0).tolist():
-        kind = KIND_OF[int(codes[row, column])]
-        first = KINDS[kind][0]
-        turns = tuple(
-            turn for turn in range(4) if rotate_codes(int(codes[row, column]), turn) == first
-        )
-        groups.setdefault(kind, []).append(_Seen(row, column, turns))
+        code = int(codes[row, column])
+        seen = _Seen(row, column, turns_to_first(code))
+        groups.setdefault(KIND_OF[code], []).append(seen)
     return [cells for cells in groups.values() if sum(len(cell.turns) for cell in cells) > 1]
 
 
-def plus_cells(
-    equations: Equations,
+def turns_to_first(code: int) -> list[int]:
+    """Returns the quarter turns counter-clockwise that bring a code to the first one of its kind."""
+    return [turns for turns in range(4) if rotate_codes(code, turns) == KINDS[KIND_OF[code]][0]]
+
+
+def compare_cells(
     image: NDArray[np.uint8],
+    view: FloorView,
     groups: AlikeCells,
     laid: NDArray[np.bool_],
     tile_px: int,
-) -> tuple[Equations, float]:
-    """Adds the comparison of cells to the equations of a view.
+) -> tuple[Measurement, float]:
+    """Returns how far cells of a kind are from where they look alike, and how alike they are.
 
-    Returns also the correlation of the cells with the mean of their kind. Without groups nothing is
-    added, and the correlation is 0.
+    The second result is the correlation of the cells with the mean of their kind. Without groups
+    nothing is measured, and the correlation is 0.
 
     Args:
-      equations: of the view.
       image: the photograph.
+      view: where the cells are in it.
       groups: the cells of each kind, from `alike_cells`.
       laid: bool ``[rows, columns]``, the cells that have a tile.
       tile_px: the pixels of a tile.
     """
     if not groups:
-        return equations, 0.0
-    places = places_of(*equations.shape, tile_px, 0)
-    flat = flatten(image, equations.view, places, tile_px)
+        return Measurement(np.empty((9, 0)), np.empty(0), np.empty(0)), 0.0
+    places = places_of(*view.shape, tile_px, 0)
+    flat = flatten(image, view, places, tile_px)
     tape = _tape_of(_with_ground_in_gaps(flat, laid, tile_px), tile_px)
-    moves = basis(equations.view, places, equations.shape)
+    moves = view.moves(places)
     # The first layer is the picture, and nine others are its derivatives by the parameters.
     down, right = np.gradient(tape)
     derivatives = (moves[..., 0] * right + moves[..., 1] * down) * tile_px
@@ -91,7 +93,7 @@ def plus_cells(
     # Larger pictures have more pixels, but not more measurements.
     weights = tukey(rest[0] / (4 * scale)) / (scale**2 * _GRAIN * (tile_px / 64) ** 2)
     correlation = 1 - rest[0].var() / max(mean.var() + rest[0].var() / 2, 1e-6)
-    return equations.plus(rest[1:], -rest[0], weights), float(np.clip(correlation, 0, 1))
+    return Measurement(rest[1:], -rest[0], weights), float(np.clip(correlation, 0, 1))
 
 
 def _compare(

@@ -1,4 +1,4 @@
-"""Makes starts of guessed corners, to be fitted: views in all directions that tiles may have."""
+"""Makes starts, to be fitted, of guessed or given corners: views in all directions that tiles may have."""
 
 from typing import NamedTuple
 
@@ -10,12 +10,34 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.photographs._areas import Area
 from elitelanes_jax.photographs._cells import guessed_cells
 from elitelanes_jax.photographs._kinds import read_kinds
+from elitelanes_jax.photographs._outline import find_corners
 from elitelanes_jax.photographs._views import FloorView, Points, view_of
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.tileset import TileSet
 
 # The tiles from the border to the outer white lines, at which some guesses end.
 _TAPE_INSET = 0.07
+
+
+class Task(NamedTuple):
+    """What is looked for in a photograph.
+
+    Attributes:
+      photograph: the photograph.
+      area: the part of a map that the photograph shows.
+      codes: int8 ``[H, W]``, the codes of the area; None if they are to be read.
+      corners: float ``[4, 2]``, the user's corners of the area or of the whole map, in pixels; None
+        if they are to be found.
+      tiles: pictures that kinds are read with.
+      fit: whether the corners are fitted to the photograph, or taken as they are.
+    """
+
+    photograph: Photograph
+    area: Area
+    codes: NDArray[np.int8] | None
+    corners: Points | None
+    tiles: TileSet
+    fit: bool
 
 
 class Start(NamedTuple):
@@ -32,7 +54,55 @@ class Start(NamedTuple):
     codes: NDArray[np.int8]
 
 
-def check_corners(photograph: Photograph, corners: Points) -> Points:
+def find_starts(task: Task, *, lacks_corner: bool = False) -> list[Start]:
+    """Returns the starts of a task, sorted: cells of the first one look most like tiles.
+
+    `lacks_corner` says whether a corner of the floor is known to have no tile, see `find_corners`.
+
+    Raises:
+      InputError: if the user's corners are wrong, or nothing like tiles is there.
+    """
+    photograph, shape, is_found = task.photograph, task.area.shape, task.corners is None
+    starts = [
+        start
+        for quad in _quads_of(task, lacks_corner=lacks_corner)
+        for start in _starts_of(task, quad)
+    ]
+    if not starts:
+        floor = f"{shape[0]} x {shape[1]} road tiles"
+        size = "check the size" if shape != (1, 1) else "give the size of a floor of several tiles"
+        hint = f"{size}, and {'give' if is_found else 'check'} the corners"
+        raise InputError(photograph.name, floor, "none", hint)
+    return sorted(starts, key=lambda start: -start.support)
+
+
+def _quads_of(task: Task, *, lacks_corner: bool) -> list[Points]:
+    """Returns quadrangles ``[4, 2]`` around the tiles, in all directions that these may have.
+
+    The user's corners may be those of the area, or those of the whole map in any direction.
+    """
+    photograph, area, is_map = task.photograph, task.area, task.codes is not None
+    if task.corners is not None:
+        corners = _check_corners(photograph, task.corners)
+        quads = _turn_quad(corners, area.shape, is_map=is_map)
+        if not area.is_whole:
+            height, width = photograph.image.shape[:2]
+            quads += [
+                area.corners_in(np.roll(corners, -turn, axis=0), width, height) for turn in range(4)
+            ]
+        return quads
+    found = find_corners(photograph.image, lacks_corner=lacks_corner)
+    if not found:
+        raise InputError(
+            photograph.name,
+            "tiles that stand out from the floor",
+            "none",
+            "give their corners, or photograph them on a floor of another colour",
+        )
+    return [turned for quad in found for turned in _turn_quad(quad, area.shape, is_map=is_map)]
+
+
+def _check_corners(photograph: Photograph, corners: Points) -> Points:
     """Checks four corners in pixels ``[4, 2]``.
 
     They must be in the photograph, clockwise, around a convex area.
@@ -63,7 +133,7 @@ def check_corners(photograph: Photograph, corners: Points) -> Points:
     return points
 
 
-def turn_quad(quad: Points, shape: tuple[int, int], *, is_map: bool) -> list[Points]:
+def _turn_quad(quad: Points, shape: tuple[int, int], *, is_map: bool) -> list[Points]:
     """Returns a quadrangle ``[4, 2]`` in all directions that the tiles may have."""
     if shape == (1, 1):
         return [quad]
@@ -77,43 +147,22 @@ def turn_quad(quad: Points, shape: tuple[int, int], *, is_map: bool) -> list[Poi
     return [quad] if shape[0] == shape[1] else [quad, upright]
 
 
-def quads_of(
-    area: Area, corners: Points, image: NDArray[np.uint8], *, is_map: bool
-) -> list[Points]:
-    """Returns the quadrangles ``[4, 2]`` of an area that a user may mean by four corners.
-
-    The corners may be those of the area, or those of the whole map in any direction.
-    """
-    quads = turn_quad(corners, area.shape, is_map=is_map)
-    if not area.is_whole:
-        height, width = image.shape[:2]
-        quads += [
-            area.corners_in(np.roll(corners, -turn, axis=0), width, height) for turn in range(4)
-        ]
-    return quads
-
-
-def starts_of(
-    image: NDArray[np.uint8],
-    quad: Points,
-    shape: tuple[int, int],
-    codes: NDArray[np.int8] | None,
-    tiles: TileSet,
-    *,
-    is_found: bool,
-) -> list[Start]:
+def _starts_of(task: Task, quad: Points) -> list[Start]:
     """Returns the views of a quadrangle whose first corner is that of the first tile."""
-    rows, columns = shape
+    image, (rows, columns) = task.photograph.image, task.area.shape
+    insets = [0.0]
+    if task.corners is None and task.area.shape != (1, 1):
+        insets.append(_TAPE_INSET)
     starts = []
-    for inset in (0.0, _TAPE_INSET) if is_found and shape != (1, 1) else (0.0,):
+    for inset in insets:
         view = view_of(quad, rows, columns, image.shape[1], image.shape[0])
         if inset:
             # If the guess ends at the white lines, the border is outside of it.
             low, right, bottom = -inset, columns + inset, rows + inset
             outer = np.array([[low, low], [right, low], [right, bottom], [low, bottom]])
             view = view_of(view.pixels_of(outer), rows, columns, view.width, view.height)
-        kinds = read_kinds(guessed_cells(image, view, shape), tiles)
-        laid = kinds.codes if codes is None else codes
+        kinds = read_kinds(guessed_cells(image, view), task.tiles)
+        laid = kinds.codes if task.codes is None else task.codes
         if laid.any():
             starts.append(Start(float(kinds.alike(laid).mean()), view, laid))
     return starts

@@ -60,10 +60,6 @@ class Turn(NamedTuple):
         return np.stack([x, y], axis=1)
 
 
-UPRIGHT = Turn()
-"""The turn of a picture that is upright on the sensor."""
-
-
 def _orientation_of(exif: bytes) -> int:
     """Returns the orientation in EXIF data: 1 to 8, and 1 if they have none."""
     order: Literal["little", "big"] = "little" if exif[:2] == b"II" else "big"

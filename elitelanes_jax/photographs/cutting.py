@@ -15,9 +15,10 @@ from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
+from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS
 from elitelanes_jax.network.plain_metrics import road_box
 from elitelanes_jax.photographs._judging import SURE
+from elitelanes_jax.photographs._repeats import turns_to_first
 from elitelanes_jax.photographs._views import flatten, places_of
 from elitelanes_jax.photographs.proposals import Proposal
 from elitelanes_jax.photographs.reading import Photograph
@@ -81,8 +82,8 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
     check_named("photograph: image", check_picture, photograph.image)
     codes, sure = _read_cells(photograph, proposal)
     rows, columns = road_box(codes)
-    # A floor with these rows and columns has its middle in the middle of the tiles.
-    seen = proposal.view.tile_pixels(rows.start + rows.stop, columns.start + columns.stop)
+    middle = np.array([columns.start + columns.stop, rows.start + rows.stop]) / 2
+    seen = proposal.view.tile_pixels(middle)
     # The side is a multiple of 32 pixels.
     tile_px = int(np.clip(round(seen / 32) * 32, *_SIZES))
     cuts: list[Cut] = []
@@ -145,7 +146,7 @@ def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
     other, other_bare = _texture(code, image)
     best = 0.0
     # Kinds with symmetries have several rotations that agree with a code.
-    for turns in _turns_to_first(KINDS[KIND_OF[code]][0]):
+    for turns in turns_to_first(KINDS[KIND_OF[code]][0]):
         both = bare & np.rot90(other_bare, turns)
         if both.sum() > _LEAST_COMPARED:
             correlation = np.corrcoef(ground[both], np.rot90(other, turns)[both])[0, 1]
@@ -158,7 +159,7 @@ def _texture(code: int, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], 
 
     The tile is turned to the first code of its kind.
     """
-    turned = np.rot90(image, _turns_to_first(code)[0])
+    turned = np.rot90(image, turns_to_first(code)[0])
     small = np.asarray(
         cv2.resize(turned, (_COMPARED_PX,) * 2, interpolation=cv2.INTER_AREA), np.uint8
     )
@@ -171,11 +172,6 @@ def _texture(code: int, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], 
         cv2.GaussianBlur(bare, (0, 0), 3), 1e-3
     )
     return np.asarray((value - mean) * bare, np.float32), bare > 0
-
-
-def _turns_to_first(code: int) -> list[int]:
-    """Returns the quarter turns that bring a code to the first one of its kind."""
-    return [turns for turns in range(4) if rotate_codes(code, turns) == KINDS[KIND_OF[code]][0]]
 
 
 def mask_cut(cut: Cut) -> dict[str, NDArray[np.bool_]]:
@@ -204,8 +200,7 @@ def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[MaskedTile]:
     for cut in cuts:
         tile = MaskedTile(folder / cut.name, cut.image, mask_cut(cut), MASKS)
         write_png(tile.folder / "image.png", tile.image)
-        for name, mask in tile.masks.items():
-            write_png(tile.folder / f"{name}.png", mask.astype(np.uint8) * 255)
+        tile.write_masks()
         written.append(tile)
     write_lane_offset(folder, map(_tile_of, cuts, written))
     return written

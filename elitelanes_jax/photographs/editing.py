@@ -11,7 +11,6 @@ import re
 import shutil
 import zipfile
 from base64 import b64decode, b64encode
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from io import BytesIO
@@ -187,11 +186,10 @@ class HandWork:
 
     def mask(self, values: MaskRequest) -> str:
         """Proposes one mask of a tile by colours, in bits as `_pack` has them."""
-        ranges = {
-            name: ",".join(f"{low}..{high}" for low, high in values["colours"][name])
+        colours = {
+            name: parse_colour(",".join(f"{low}..{high}" for low, high in values["colours"][name]))
             for name in MASKS
         }
-        colours = {name: parse_colour(text) for name, text in ranges.items()}
         layer = self._pictures[values["id"]].layer
         return _pack(propose_layer_masks(layer, colours)[values["mask"]])
 
@@ -207,7 +205,7 @@ class HandWork:
         Raises:
           InputError: without tiles, or if another program changed the folder.
         """
-        names = _names(values)
+        tiles = _named(values)
         with self._saving:
             # Another save of this page may have been at work until now.
             if _stamp_of(self.folder) != self._stamp:
@@ -221,19 +219,19 @@ class HandWork:
             with output_folder(
                 self.folder, {"command": "tiles edit"}, foreign=lambda _: None, force=True
             ) as work:
-                self._write(work.files, dict(zip(names, values, strict=True)))
+                self._write(work.files, tiles)
             self.saved = True
             self._stamp = _stamp_of(self.folder)
             # A page that is loaded again begins with what was saved.
             self._tiles = [
                 self._add(name, self._pictures[tile["id"]], self._masks_of(tile))
-                for name, tile in zip(names, values, strict=True)
+                for name, tile in tiles.items()
             ]
         kept = None
         if is_first and self._earlier_set is not None:
             kept = str(self._earlier_set)
         problems = inspect_tiles(self.folder, lines=True)[1]
-        return {"names": names, "kept": kept, "problems": problems}
+        return {"names": list(tiles), "kept": kept, "problems": problems}
 
     def zip(self, values: Sequence[SentTile]) -> bytes:
         """Returns the set as a zip file with one folder. The folder of the set does not change.
@@ -241,10 +239,10 @@ class HandWork:
         Raises:
           InputError: without tiles.
         """
-        names = _names(values)
+        tiles = _named(values)
         with TemporaryDirectory() as work:
             folder = Path(work, self.folder.resolve().name)
-            self._write(folder, dict(zip(names, values, strict=True)))
+            self._write(folder, tiles)
             return _zip_of(folder)
 
     def stop_saving(self) -> None:
@@ -312,10 +310,9 @@ class HandWork:
         for name, tile in tiles.items():
             picture = self._pictures[tile["id"]]
             write_atomic(target / name / "image.png", picture.file)
-            masks = self._masks_of(tile)
-            for mask, pixels in masks.items():
-                write_png(target / name / f"{mask}.png", pixels.astype(np.uint8) * 255)
-            written.append(MaskedTile(target / name, picture.layer.pixels, masks, ()))
+            masked = MaskedTile(target / name, picture.layer.pixels, self._masks_of(tile), ())
+            masked.write_masks()
+            written.append(masked)
         write_png(target / "masks.png", proposal_sheet("Masks corrected by hand", written))
         tile_set, _ = inspect_tiles(target)
         if tile_set is not None:
@@ -346,8 +343,8 @@ def _picture_of(image: NDArray[np.uint8]) -> _Picture:
     return _Picture(Layer(image, np.ones(image.shape[:2], bool), 0.0), png_of(image))
 
 
-def _names(tiles: Sequence[SentTile]) -> list[str]:
-    """Returns the folder name of each tile.
+def _named(tiles: Sequence[SentTile]) -> dict[str, SentTile]:
+    """Returns the tiles by the names of their folders.
 
     A tile keeps its name if its kind is the same. Otherwise it gets the next free name of its kind.
 
@@ -360,16 +357,16 @@ def _names(tiles: Sequence[SentTile]) -> list[str]:
         if tile["kind"] not in KINDS or tile["kind"] == "empty":
             raise InputError(tile["name"], "a kind of tile", repr(tile["kind"]))
     fits = [re.fullmatch(rf"{tile['kind']}_\d+", tile["name"]) is not None for tile in tiles]
-    counts = Counter(tile["name"] for tile, is_fit in zip(tiles, fits, strict=True) if is_fit)
-    names: list[str] = []
+    fitting = {tile["name"] for tile, is_fit in zip(tiles, fits, strict=True) if is_fit}
+    named: dict[str, SentTile] = {}
     for tile, is_fit in zip(tiles, fits, strict=True):
         name = tile["name"]
-        if not is_fit or name in names:
+        if not is_fit or name in named:
             # A new name is none that another tile keeps, even if that tile comes later.
             free = (f"{tile['kind']}_{number}" for number in count(1))
-            name = next(name for name in free if name not in counts and name not in names)
-        names.append(name)
-    return names
+            name = next(name for name in free if name not in fitting and name not in named)
+        named[name] = tile
+    return named
 
 
 def _zip_of(folder: Path) -> bytes:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import free_name
 from elitelanes_jax._util.folders import output_folder
-from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs.cutting import Cut, cut_tiles, write_cuts
 from elitelanes_jax.photographs.lenses import Lens
 from elitelanes_jax.photographs.proposals import Proposal, propose_plan, propose_tiles
@@ -20,7 +19,7 @@ from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.photographs.sheet import draw_proposal, draw_sheet
 from elitelanes_jax.tiles.masking import proposal_sheet
 from elitelanes_jax.tiles.rendering import write_png
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+from elitelanes_jax.tiles.tileset import TileSet
 
 
 class Floor(NamedTuple):
@@ -43,24 +42,10 @@ class Floor(NamedTuple):
     exact: bool = False
 
 
-class FoundFloor(NamedTuple):
-    """Where the tiles of a photograph are.
-
-    Attributes:
-      photograph: the photograph.
-      proposal: where its tiles are.
-      refusal: why its tiles are not cut, empty if they are.
-    """
-
-    photograph: Photograph
-    proposal: Proposal
-    refusal: str
-
-
 def find_floor(
     floor: Floor, lens: Lens | None, tiles: TileSet | None = None, *, trusts_map: bool = True
-) -> FoundFloor:
-    """Finds the tiles in a photograph.
+) -> tuple[Photograph, Proposal]:
+    """Reads a photograph, and finds its tiles.
 
     Args:
       floor: the photograph, and what is known of its tiles.
@@ -85,10 +70,8 @@ def find_floor(
             fit=fit,
         )
     else:
-        tiles = load_tiles() if tiles is None else tiles
         proposal = propose_plan(photograph, floor.codes, corners=corners, tiles=tiles, fit=fit)
-    refusal = "" if proposal.score >= SURE else f"{floor.file}: {proposal.advice}"
-    return FoundFloor(photograph, proposal, refusal)
+    return photograph, proposal
 
 
 class CutFloors(NamedTuple):
@@ -96,17 +79,20 @@ class CutFloors(NamedTuple):
 
     Attributes:
       cuts: the tiles.
-      used: the photographs whose tiles were found, and where these are.
-      refused: a line for each other photograph.
+      refused: a line for each photograph whose tiles were not found.
       proposals: for the sheet, where the tiles may be in each photograph that has an outline.
       pictures: for the sheet, these photographs with the outlines of their tiles.
     """
 
     cuts: list[Cut]
-    used: list[tuple[Path, Proposal]]
     refused: list[str]
     proposals: list[Proposal]
     pictures: list[NDArray[np.uint8]]
+
+    @property
+    def used(self) -> list[Proposal]:
+        """Where the tiles of each photograph are in which they were found."""
+        return [proposal for proposal in self.proposals if proposal.is_sure]
 
 
 def cut_floors(floors: Sequence[Floor], lens: Lens | None) -> CutFloors:
@@ -118,23 +104,22 @@ def cut_floors(floors: Sequence[Floor], lens: Lens | None) -> CutFloors:
       InputError: if a floor is given twice, because the set would have all its tiles twice.
     """
     _check_distinct(floors)
-    result = CutFloors([], [], [], [], [])
+    result = CutFloors([], [], [], [])
     for floor in floors:
         try:
-            found_floor = find_floor(floor, lens)
+            photograph, proposal = find_floor(floor, lens)
         except InputError as error:
             # The tiles of the other photographs are still written, because finding them may have
             # taken minutes.
             result.refused.append(str(error))
             continue
         # A photograph that is refused stays on the sheet, where its outlines show what went wrong.
-        result.proposals.append(found_floor.proposal)
-        result.pictures.append(draw_proposal(found_floor.photograph, found_floor.proposal))
-        if found_floor.refusal:
-            result.refused.append(found_floor.refusal)
-            continue
-        result.used.append((floor.file, found_floor.proposal))
-        result.cuts.extend(cut_tiles(found_floor.photograph, found_floor.proposal, result.cuts))
+        result.proposals.append(proposal)
+        result.pictures.append(draw_proposal(photograph, proposal))
+        if proposal.is_sure:
+            result.cuts.extend(cut_tiles(photograph, proposal, result.cuts))
+        else:
+            result.refused.append(proposal.refusal)
     return result
 
 

@@ -3,13 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
-from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF, SIDES, rotate_codes
 from elitelanes_jax.photographs._areas import Area
 from elitelanes_jax.photographs._judging import SURE
@@ -99,7 +96,7 @@ def read_laid(proposal: Proposal, plan: NDArray[np.int8] | None = None) -> LaidF
     return LaidFloor(laid, unsure, differences, turns, area)
 
 
-def turn_to_plan(codes: ArrayLike, plan: ArrayLike) -> int:
+def turn_to_plan(codes: NDArray[np.int8], plan: NDArray[np.int8]) -> int:
     """Returns the quarter turns counter-clockwise that bring a floor's codes nearest to a plan's.
 
     Args:
@@ -109,34 +106,30 @@ def turn_to_plan(codes: ArrayLike, plan: ArrayLike) -> int:
     Raises:
       InputError: for another shape.
     """
-    floor, planned = np.asarray(check_grid(codes)), np.asarray(check_grid(plan))
     agree = {}
     for turns in range(4):
-        turned = turn_floor(floor, turns)
-        if turned.shape == planned.shape:
-            agree[turns] = int((turned == planned).sum())
+        turned = turn_floor(codes, turns)
+        if turned.shape == plan.shape:
+            agree[turns] = int((turned == plan).sum())
     if not agree:
-        got = f"{planned.shape[0]} x {planned.shape[1]}"
-        raise InputError("plan", f"{floor.shape[0]} x {floor.shape[1]} tiles like the floor", got)
+        got = f"{plan.shape[0]} x {plan.shape[1]}"
+        raise InputError("plan", f"{codes.shape[0]} x {codes.shape[1]} tiles like the floor", got)
     return max(agree, key=lambda turns: agree[turns])
 
 
-@name_wrong_arguments
-def turn_floor(codes: ArrayLike, turns: int) -> NDArray[np.int8]:
+def turn_floor(codes: NDArray[np.int8], turns: int) -> NDArray[np.int8]:
     """Turns a floor's codes ``[H, W]`` counter-clockwise by quarters."""
-    turns = check_named("turns", whole(0), turns)
-    return np.asarray(rotate_codes(np.rot90(np.asarray(check_grid(codes)), turns), turns), np.int8)
+    return np.asarray(rotate_codes(np.rot90(codes, turns), turns), np.int8)
 
 
-def find_differences(codes: ArrayLike, plan: ArrayLike) -> list[Difference]:
+def find_differences(codes: NDArray[np.int8], plan: NDArray[np.int8]) -> list[Difference]:
     """Returns the cells where a floor differs from a plan of the same shape ``[H, W]``.
 
     Cells are sorted by row and column.
     """
-    floor, planned = np.asarray(check_grid(codes)), np.asarray(check_grid(plan))
     return [
-        Difference(row, column, int(planned[row, column]), int(floor[row, column]))
-        for row, column in np.argwhere(floor != planned).tolist()
+        Difference(row, column, int(plan[row, column]), int(codes[row, column]))
+        for row, column in np.argwhere(codes != plan).tolist()
     ]
 
 

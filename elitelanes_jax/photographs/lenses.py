@@ -20,6 +20,7 @@ from elitelanes_jax._util.copies import keeps_copies
 from elitelanes_jax._util.errors import InputError, brief, list_some, reason, yaml_fault
 from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.photographs._views import scaling
 
 _EXPECTED = "a camera's calibration"
 # The models of distortion of ROS and of Kalibr, by whether they are OpenCV's model of a fisheye lens.
@@ -68,11 +69,8 @@ class Lens(NamedTuple):
                 f"a photograph of the camera's ratio {self.width} x {self.height}",
                 f"{width} x {height}",
             )
-        across, down = width / self.width, height / self.height
-        # Whole numbers are the centres of pixels. Therefore a scale also shifts by a part of a
-        # pixel.
-        scale = np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1]])
-        return Lens(scale @ self.matrix, self.distortion, self.fisheye, width, height)
+        matrix = scaling(width / self.width, height / self.height) @ self.matrix
+        return self._replace(matrix=matrix, width=width, height=height)
 
     def straighten(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns where pixels ``[N, 2]`` are without the distortion."""
@@ -178,7 +176,8 @@ def _read_ros(file: Path, values: dict[str, UserValue], names: _Names) -> Lens:
     if values.get("fisheye_model") == 1:
         model = "fisheye"
     fisheye = _model(file, "distortion_model", model, _MODELS)
-    size = _size(file, names, values.get(names.width), values.get(names.height))
+    sides = values.get(names.width), values.get(names.height)
+    size = _size(file, f"{names.width} and {names.height}", *sides)
     _check_whole_sensor(file, values.get("roi"), size)
     matrix = _numbers(file, names.matrix, values[names.matrix], (9,)).reshape(3, 3)
     if not np.array_equal(matrix[2], (0, 0, 1)):
@@ -213,7 +212,7 @@ def _read_kalibr(file: Path, name: str, camera: UserValue) -> Lens:
     fisheye = _model(file, f"{where}distortion_model", model, _KALIBR_MODELS)
     resolution = entries.get("resolution")
     sides = resolution if isinstance(resolution, list) and len(resolution) == 2 else (None, None)
-    size = _size(file, _Names("", "", f"{where}resolution, width", "height"), *sides)
+    size = _size(file, f"{where}resolution, width and height", *sides)
     intrinsics = _numbers(file, f"{where}intrinsics", entries.get("intrinsics"), (4,))
     across, down, x, y = intrinsics.tolist()
     matrix = np.array([[across, 0, x], [0, down, y], [0, 0, 1]])
@@ -232,13 +231,13 @@ def _model(file: Path, name: str, model: UserValue, known: dict[str, bool]) -> b
     return known[model]
 
 
-def _size(file: Path, names: _Names, *sides: UserValue) -> tuple[int, int]:
-    """Returns the width and the height of the camera's pictures."""
+def _size(file: Path, names: str, *sides: UserValue) -> tuple[int, int]:
+    """Returns the width and the height of the camera's pictures. `names` are those of the entries."""
     # Some programs write 640.0.
     numbers = [number for side in sides if (number := _number(side)) is not None]
     if len(numbers) != 2 or not all(_is_side(number) for number in numbers):
         got = f"{brief(sides[0])} and {brief(sides[1])}"
-        raise InputError(file, f"{names.width} and {names.height} in pixels", got)
+        raise InputError(file, f"{names} in pixels", got)
     width, height = map(int, numbers)
     return width, height
 

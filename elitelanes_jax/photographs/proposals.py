@@ -1,6 +1,6 @@
 """Proposes where the tiles in a photograph are, which kind each is, and how sure that is."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -15,8 +15,7 @@ from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.photographs._areas import Area
 from elitelanes_jax.photographs._borders import contrasts
 from elitelanes_jax.photographs._cells import fitted_cells
-from elitelanes_jax.photographs._equations import largest_spread
-from elitelanes_jax.photographs._fitting import SIDES_OF_TILE, Fit, fit_tile, fit_view
+from elitelanes_jax.photographs._fitting import SIDES_OF_TILE, Fit, fit_view
 from elitelanes_jax.photographs._grey import check_grey_tiles, in_grey, is_grey
 from elitelanes_jax.photographs._judging import (
     CORNERS_GIVEN,
@@ -28,16 +27,11 @@ from elitelanes_jax.photographs._judging import (
     sigmoid,
 )
 from elitelanes_jax.photographs._kinds import Kinds, read_kinds
-from elitelanes_jax.photographs._outline import find_corners
-from elitelanes_jax.photographs._starts import Start, check_corners, quads_of, starts_of, turn_quad
-from elitelanes_jax.photographs._views import (
-    FloorView,
-    Points,
-    floor_corners,
-)
+from elitelanes_jax.photographs._starts import Start, Task, find_starts
+from elitelanes_jax.photographs._views import FloorView, Points
 from elitelanes_jax.photographs.reading import Photograph
 from elitelanes_jax.tiles.files import check_picture
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+from elitelanes_jax.tiles.tileset import TileSet, own_tiles
 
 # The most guesses that are fitted.
 _STARTS = 3
@@ -84,6 +78,16 @@ class Proposal(NamedTuple):
     advice: str
 
     @property
+    def is_sure(self) -> bool:
+        """Whether the score is at least 0.5, so that the tiles can be cut."""
+        return self.score >= SURE
+
+    @property
+    def refusal(self) -> str:
+        """A line that says why the tiles are not cut; empty if they are."""
+        return "" if self.is_sure else f"{self.photo}: {self.advice}"
+
+    @property
     def unsure_cells(self) -> list[list[int]]:
         """The row and the column, from 0, of each cell whose code is unsure."""
         return np.argwhere(np.array(self.sure) < SURE).tolist()
@@ -91,7 +95,9 @@ class Proposal(NamedTuple):
     @property
     def view(self) -> FloorView:
         """The camera's view of the tiles."""
-        return FloorView(np.array(self.homography), self.radial, self.width, self.height)
+        rows, columns = np.shape(self.codes)
+        homography = np.array(self.homography)
+        return FloorView(homography, self.radial, self.width, self.height, (rows, columns))
 
 
 @name_wrong_arguments
@@ -125,16 +131,14 @@ def propose_tiles(
         `tiles` are grey too.
     """
     check_named("photograph: image", check_picture, photograph.image)
-    if tiles is None:
-        tiles = load_tiles()
-    check_named("tiles", instance(TileSet), tiles)
+    tiles = own_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
     if codes is None:
         area = Area.whole(check_named("shape", floor_shape, shape))
-        return _propose(photograph, area, corners, None, tiles, fit=fit)
+        return _propose(Task(photograph, area, None, corners, tiles, fit))
     codes = np.asarray(check_named("codes", check_grid, codes))
     check_named("codes", floor_shape, codes.shape)
     area = Area.of_roads(codes)
-    proposal = _propose(photograph, area, corners, area.cut(codes), tiles, fit=fit)
+    proposal = _propose(Task(photograph, area, area.cut(codes), corners, tiles, fit))
     return _on_map(proposal, area)
 
 
@@ -143,7 +147,7 @@ def propose_plan(
     plan: NDArray[np.int8],
     *,
     corners: Points | None,
-    tiles: TileSet,
+    tiles: TileSet | None,
     fit: bool,
 ) -> Proposal:
     """Proposes where the tiles of a planned floor are, and reads their kinds.
@@ -155,40 +159,33 @@ def propose_plan(
       photograph: the photograph, from `Photograph.read`.
       plan: the codes of the map that is planned ``[H, W]``. It does not tell the kinds.
       corners: as for `propose_tiles`.
-      tiles: pictures that kinds are read with.
+      tiles: as for `propose_tiles`.
       fit: whether the corners are fitted to the photograph, or taken as they are.
 
     Raises:
       InputError: as `propose_tiles` without `codes`.
     """
-    roads = Area.of_roads(plan)
+    task = Task(photograph, Area.of_roads(plan), None, corners, tiles or own_tiles(), fit)
     # If the user gives the corners of the whole plan, tiles in its empty border are seen too.
     if corners is not None:
-        larger = _propose_larger(photograph, roads, corners, tiles, fit=fit)
-        if larger is not None:
-            return larger
-    proposal = _propose(photograph, roads, corners, None, tiles, fit=fit)
-    if corners is None and proposal.score < SURE:
-        larger = _propose_larger(photograph, roads, corners, tiles, fit=fit)
-        if larger is not None:
-            return larger
-    return proposal
+        return _propose_whole(task) or _propose(task)
+    proposal = _propose(task)
+    if proposal.is_sure:
+        return proposal
+    return _propose_whole(task) or proposal
 
 
-def _propose_larger(
-    photograph: Photograph, roads: Area, corners: Points | None, tiles: TileSet, *, fit: bool
-) -> Proposal | None:
+def _propose_whole(task: Task) -> Proposal | None:
     """Proposes a floor as large as the whole map.
 
     Tiles that were laid in the map's empty border by mistake make such a floor. Returns None if
     that is not sure.
     """
-    if roads.is_whole:
+    if task.area.is_whole:
         return None
     with suppress(InputError):
-        whole = Area.whole(roads.map_shape)
-        proposal = _propose(photograph, whole, corners, None, tiles, fit=fit)
-        if proposal.score >= SURE:
+        proposal = _propose(task._replace(area=Area.whole(task.area.map_shape)))
+        if proposal.is_sure:
             return proposal
     return None
 
@@ -207,123 +204,52 @@ def _on_map(proposal: Proposal, area: Area) -> Proposal:
     )
 
 
-def _propose(
-    photograph: Photograph,
-    area: Area,
-    corners: Points | None,
-    codes: NDArray[np.int8] | None,
-    tiles: TileSet,
-    *,
-    fit: bool,
-) -> Proposal:
-    """Proposes where the tiles of an area are, whose codes ``[H, W]`` may be known."""
-    image, is_map = photograph.image, codes is not None
-    if is_map and is_grey(image):
+def _propose(task: Task) -> Proposal:
+    """Proposes where the tiles of an area are, whose codes may be known."""
+    has_colours, is_map = not is_grey(task.photograph.image), task.codes is not None
+    if is_map and not has_colours:
         # Coloured pictures have stop lines that a grey crossing lacks.
-        tiles = in_grey(tiles)
-    if corners is not None:
-        quads = quads_of(area, check_corners(photograph, corners), image, is_map=is_map)
-        return _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=False)
-    quads = _find_quads(image, area, is_map=is_map, lacks_corner=False)
-    if not quads:
-        raise InputError(
-            photograph.name,
-            "tiles that stand out from the floor",
-            "none",
-            "give their corners, or photograph them on a floor of another colour",
-        )
-    proposal = _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=True)
-    if proposal.score >= SURE or not area.lacks_corner:
+        task = task._replace(tiles=in_grey(task.tiles))
+    starts = find_starts(task)
+    if not is_map and not has_colours:
+        check_grey_tiles(task.photograph, task.tiles)
+    proposal = _propose_best(task, starts)
+    if proposal.is_sure or task.corners is not None or not task.area.lacks_corner:
         return proposal
     # Larger quadrangles are many. They are tried only if the smallest ones do not fit.
-    quads = _find_quads(image, area, is_map=is_map, lacks_corner=True)
-    larger = _propose_at(photograph, quads, area, codes, tiles, fit=fit, is_found=True)
+    larger = _propose_best(task, find_starts(task, lacks_corner=True))
     proposal = max(proposal, larger, key=lambda found: found.score)
-    if proposal.score >= SURE:
+    if proposal.is_sure:
         return proposal
     return proposal._replace(advice=f"{proposal.advice}; {LACKS_CORNER}")
 
 
-def _find_quads(
-    image: NDArray[np.uint8], area: Area, *, is_map: bool, lacks_corner: bool
-) -> list[Points]:
-    """Returns guessed quadrangles ``[4, 2]`` in all directions that the tiles may have."""
-    return [
-        turned
-        for quad in find_corners(image, lacks_corner=lacks_corner)
-        for turned in turn_quad(quad, area.shape, is_map=is_map)
-    ]
-
-
-def _propose_at(
-    photograph: Photograph,
-    quads: Sequence[Points],
-    area: Area,
-    codes: NDArray[np.int8] | None,
-    tiles: TileSet,
-    *,
-    fit: bool,
-    is_found: bool,
-) -> Proposal:
-    """Proposes where the tiles of an area are, near one of some quadrangles.
-
-    `is_found` says whether the program found the quadrangles. Otherwise the user gave them.
-    """
-    image, shape, is_map = photograph.image, area.shape, codes is not None
-    starts = [
-        start
-        for quad in quads
-        for start in starts_of(image, quad, shape, codes, tiles, is_found=is_found)
-    ]
-    if not starts:
-        floor = f"{shape[0]} x {shape[1]} road tiles"
-        size = "check the size" if shape != (1, 1) else "give the size of a floor of several tiles"
-        hint = f"{size}, and {'give' if is_found else 'check'} the corners"
-        raise InputError(photograph.name, floor, "none", hint)
-    if not is_map and is_grey(image):
-        check_grey_tiles(photograph, tiles)
-    # The user's corners replace this evidence, see `judge`.
-    ignored: set[str] = set()
-    if not is_found:
-        ignored |= CORNERS_GIVEN
-    if not fit:
-        ignored.add("contrast")
-    # The guesses in which cells look most like tiles are fitted first.
-    starts.sort(key=lambda start: -start.support)
+def _propose_best(task: Task, starts: Sequence[Start]) -> Proposal:
+    """Returns the proposal with the highest score, of the first starts."""
     proposals = []
-    for start in starts[: _STARTS if fit else 1]:
-        if fit:
-            fitted, kinds = _fit(image, start, shape, tiles, is_map=is_map)
-        else:
-            # Exact corners have nearly no spread, and all of their border counts as seen.
-            fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
-            kinds = read_kinds(fitted_cells(image, fitted.view, shape), tiles)
-        proposals.append(_proposal(photograph, fitted, kinds, codes, ignored))
+    for start in starts[: _STARTS if task.fit else 1]:
+        fitted, kinds = _fit(task, start)
+        proposals.append(_proposal(task, fitted, kinds))
         if proposals[-1].score > _ENOUGH:
             break
     return max(proposals, key=lambda proposal: proposal.score)
 
 
-def _fit(
-    image: NDArray[np.uint8],
-    start: Start,
-    shape: tuple[int, int],
-    tiles: TileSet,
-    *,
-    is_map: bool,
-) -> tuple[Fit, Kinds]:
+def _fit(task: Task, start: Start) -> tuple[Fit, Kinds]:
     """Fits a view to the photograph, and reads the kinds in it."""
-    if shape == (1, 1):
-        fitted = fit_tile(image, start.view)
-        return fitted, read_kinds(fitted_cells(image, fitted.view, shape), tiles)
-    fitted = fit_view(image, start.view, start.codes)
-    kinds = read_kinds(fitted_cells(image, fitted.view, shape), tiles)
-    corrected = _corrected_codes(kinds, start.codes, is_map=is_map)
-    if corrected is not None:
-        # Cells were compared with cells of another kind.
-        fitted = fit_view(image, fitted.view, corrected)
-        kinds = read_kinds(fitted_cells(image, fitted.view, shape), tiles)
-    return fitted, kinds
+    image = task.photograph.image
+
+    def read(fitted: Fit) -> tuple[Fit, Kinds]:
+        return fitted, read_kinds(fitted_cells(image, fitted.view), task.tiles)
+
+    if not task.fit:
+        return read(Fit.exact(start.view))
+    fitted, kinds = read(fit_view(image, start.view, start.codes))
+    corrected = _corrected_codes(kinds, start.codes, is_map=task.codes is not None)
+    if corrected is None:
+        return fitted, kinds
+    # Cells were compared with cells of another kind.
+    return read(fit_view(image, fitted.view, corrected))
 
 
 def _corrected_codes(
@@ -332,8 +258,10 @@ def _corrected_codes(
     """Returns the codes of a fitted floor if they differ from those of the fit.
 
     Otherwise returns None. A few tiles that surely differ from a map are laid wrongly; if many
-    differ, the map is another.
+    differ, the map is another. A single tile is compared with no other one.
     """
+    if codes.size == 1:
+        return None
     differs = kinds.codes != codes
     if is_map:
         # A cell that shows no tile is compared with none, also where that is unsure.
@@ -346,42 +274,41 @@ def _corrected_codes(
     return None
 
 
-def _proposal(
-    photograph: Photograph,
-    fit: Fit,
-    kinds: Kinds,
-    codes: NDArray[np.int8] | None,
-    ignored: Collection[str],
-) -> Proposal:
-    laid = kinds.codes if codes is None else codes
-    rows, columns = laid.shape
-    height, width = photograph.image.shape[:2]
-    corners = fit.view.pixels_of(floor_corners(rows, columns))
+def _proposal(task: Task, fit: Fit, kinds: Kinds) -> Proposal:
+    photograph, view = task.photograph, fit.view
+    laid = kinds.codes if task.codes is None else task.codes
+    corners = view.pixels_of(view.corners)
     alike = kinds.alike(laid)
     evidence = {
         "alike": float(alike[laid > 0].mean()) if laid.any() else 0.0,
         "repeats": fit.alike,
-        "spread": largest_spread(fit.view, fit.spread, (rows, columns)),
-        "out_of_square": out_of_square(fit.view),
+        "spread": fit.corner_spread,
+        "out_of_square": out_of_square(view),
         "edge": least_alike_edge(alike * (laid > 0)),
         "handed": kinds.handed,
         "margin": float(kinds.margins.min()),
     }
     if laid.size == 1:
-        evidence["contrast"] = float(contrasts(photograph.image, fit.view, SIDES_OF_TILE).min())
+        evidence["contrast"] = float(contrasts(photograph.image, view, SIDES_OF_TILE).min())
     else:
         evidence["border"] = float(fit.border.min()) if len(fit.border) else 0.0
     # A margin of 0.06 makes a kind sure by one half. A kind that differs from the map is not sure
     # at all.
     sure = np.where(laid == kinds.codes, np.vectorize(sigmoid)((kinds.margins - 0.06) / 0.02), 0.0)
+    # The user's corners replace this evidence, see `judge`.
+    ignored: set[str] = set()
+    if task.corners is not None:
+        ignored |= CORNERS_GIVEN
+    if not task.fit:
+        ignored.add("contrast")
     score, advice = judge(evidence, "tile" if laid.size == 1 else "floor", ignored)
     return Proposal(
         photograph.name,
-        width,
-        height,
+        view.width,
+        view.height,
         np.round(corners, 2).tolist(),
-        fit.view.homography.tolist(),
-        fit.view.radial,
+        view.homography.tolist(),
+        view.radial,
         laid.tolist(),
         np.round(sure, 3).tolist(),
         round(score, 3),

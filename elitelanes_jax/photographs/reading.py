@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.copies import keeps_copies
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.photographs._picture_files import read_picture
-from elitelanes_jax.photographs._upright import UPRIGHT, Turn
+from elitelanes_jax.photographs._upright import Turn
 from elitelanes_jax.photographs.lenses import Lens, read_lens
 
 
@@ -32,7 +31,7 @@ class Photograph(NamedTuple):
     image: NDArray[np.uint8]
     shrunk: int = 1
     lens: Lens | None = None
-    turn: Turn = UPRIGHT
+    turn: Turn = Turn()
 
     @staticmethod
     @name_wrong_arguments
@@ -55,10 +54,7 @@ class Photograph(NamedTuple):
         sensor, shrunk, exif = read_picture(file)
         if lens is not None:
             # The lens bends the sensor's picture, before anything turns it.
-            try:
-                lens = lens.scaled(sensor)
-            except InputError as error:
-                raise error.within(file) from None
+            lens = check_named(str(file), lens.scaled, sensor)
             sensor = lens.straighten_image(sensor)
         turn = Turn.of_exif(exif)
         image = turn.picture(sensor)

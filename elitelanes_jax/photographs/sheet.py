@@ -58,16 +58,13 @@ def draw_proposal(photograph: Photograph, proposal: Proposal) -> NDArray[np.uint
 
     Unsure tiles are orange.
     """
-    trusted = proposal.score >= SURE
     marks = {}
     for row, column in np.argwhere(np.array(proposal.codes) > 0).tolist():
-        sure = trusted and proposal.sure[row][column] >= SURE
+        sure = proposal.is_sure and proposal.sure[row][column] >= SURE
         kind = KIND_OF[proposal.codes[row][column]] + ("" if sure else "?")
         marks[row, column] = Mark(kind, _SURE_INK if sure else _UNSURE_INK, 1)
     small = _draw_marks(photograph, proposal.view, read_laid(proposal), marks, _ON_SHEET)
-    picture = np.full((_ON_SHEET[1], _ON_SHEET[0], 3), _PAPER, np.uint8)
-    picture[: small.shape[0], : small.shape[1]] = small
-    return picture
+    return _on_paper(small, *_ON_SHEET)
 
 
 def draw_laid(photograph: Photograph, proposal: Proposal, laid: LaidFloor) -> NDArray[np.uint8]:
@@ -111,22 +108,25 @@ def _draw_marks(
         cv2.resize(photograph.image, (view.width, view.height), interpolation=cv2.INTER_AREA),
         np.uint8,
     )
+
+    def pixels_of(places: Points) -> Points:
+        return view.pixels_of(laid.seen(places))
+
     steps = np.linspace(0, 1, _SIDE_POINTS)
     top = np.stack([steps, np.zeros(_SIDE_POINTS)], axis=1)
     right = np.stack([np.ones(_SIDE_POINTS), steps], axis=1)
     outline = np.concatenate([top, right, 1 - top, 1 - right])
     # Thick outlines are over thin ones.
     for (row, column), mark in sorted(marks.items(), key=lambda item: item[1].width):
-        pixels = view.pixels_of(laid.seen(outline + np.array([column, row])))
         # With `shift`, OpenCV reads the last three bits of coordinates as parts of a pixel.
-        exact = np.rint(pixels * 8).astype(np.int32)
+        exact = np.rint(pixels_of(outline + np.array([column, row])) * 8).astype(np.int32)
         cv2.polylines(picture, [exact], True, mark.ink, mark.width, cv2.LINE_AA, shift=3)
     scale = _TEXT * max(1, size[0] / 1000)
-    for (row, column), mark in marks.items():
-        place = np.array([column + 0.5, row + 0.5])
-        _write_at(picture, view.pixels_of(laid.seen(place)), mark.words, scale)
-    for place, name in _names(laid.codes):
-        _write_at(picture, view.pixels_of(laid.seen(place)), name, scale)
+    words = [
+        (np.array([column + 0.5, row + 0.5]), mark.words) for (row, column), mark in marks.items()
+    ]
+    for place, text in words + _names(laid.codes):
+        _write_at(picture, pixels_of(place), text, scale)
     return picture
 
 
@@ -175,14 +175,16 @@ def draw_sheet(
     """
     captions = []
     for proposal in proposals:
-        fits = f"score {proposal.score:.2f}" + ("" if proposal.score >= SURE else ": refused")
+        fits = f"score {proposal.score:.2f}" + ("" if proposal.is_sure else ": refused")
         words = ", ".join(f"{name} {value:g}" for name, value in proposal.evidence.items())
         captions.append((f"{proposal.photo}: {fits}", words))
     above = contact_sheet(title, photographs, captions)
     width = max(above.shape[1], tiles.shape[1])
-    padded = []
-    for part in (above, tiles):
-        sheet = np.full((part.shape[0], width, 3), _PAPER, np.uint8)
-        sheet[:, : part.shape[1]] = part
-        padded.append(sheet)
-    return np.vstack(padded)
+    return np.vstack([_on_paper(part, width, len(part)) for part in (above, tiles)])
+
+
+def _on_paper(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """Returns a picture of a larger size, with a picture in its top left corner."""
+    paper = np.full((height, width, 3), _PAPER, np.uint8)
+    paper[: picture.shape[0], : picture.shape[1]] = picture
+    return paper

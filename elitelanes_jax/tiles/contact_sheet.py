@@ -66,10 +66,8 @@ def pin_signs(
     signs, so that they do not hide each other. Signs of street names are left out.
     """
     border = round(_BORDER * tile_px)
-    framed = np.full(
-        (picture.shape[0] + 2 * border, picture.shape[1] + 2 * border, 3), _GROUND, np.uint8
-    )
-    framed[border:-border, border:-border] = picture
+    paper = cv2.copyMakeBorder(picture, *(border,) * 4, cv2.BORDER_CONSTANT, value=_GROUND)
+    framed = np.asarray(paper, np.uint8)
     signs = [
         thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"
     ]
@@ -87,15 +85,14 @@ def pin_signs(
 def _face(pictures: ObjectPictures, width: int) -> NDArray[np.uint8]:
     """Returns what a sign shows above its tag, or the upper part of a light, in RGB and opacity."""
     front = pictures.view(0)
-    # A light has no tag. Its face is its upper part, at most twice as high as wide.
-    rows = min(len(front), 2 * front.shape[1])
     if pictures.tag:
         middle, side = pictures.tag
         # The face of a sign ends a row above its tag.
         rows = round(len(front) * (1 - (middle + side / 2) / pictures.height)) - 1
-    if not pictures.tag:
-        # A light is narrower than a sign.
-        width = round(width / 2)
+    else:
+        # A light has no tag, and is narrower than a sign. Its face is its upper part, at most twice
+        # as high as wide.
+        rows, width = min(len(front), 2 * front.shape[1]), round(width / 2)
     size = width, max(1, round(width * rows / front.shape[1]))
     return np.asarray(cv2.resize(front[:rows], size, interpolation=cv2.INTER_AREA), np.uint8)
 

@@ -39,6 +39,19 @@ def ground_of(image: NDArray[np.uint8], tile_px: float) -> NDArray[np.float32]:
     return np.asarray(cv2.resize(ground, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
+def colours_on_ground(
+    image: NDArray[np.uint8], tile_px: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Returns the colours of a picture relative to the ground, and how red and how yellow they are.
+
+    The colours are ``[H, W, 3]``, and the others ``[H, W]``. Red exceeds both other channels in red
+    tape. Red and green exceed blue in yellow tape. `tile_px` is that of `ground_of`.
+    """
+    relative = (image.astype(np.float32) + 4) / ground_of(image, tile_px)[..., None]
+    red, green, blue = np.moveaxis(relative, -1, 0)
+    return relative, red - np.maximum(green, blue), np.minimum(red, green) - blue
+
+
 def even_light(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Returns an RGB picture of a tile in daylight.
 

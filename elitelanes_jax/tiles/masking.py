@@ -22,6 +22,7 @@ from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import Layer, check_picture, read_image, read_mask, size_of
 from elitelanes_jax.tiles.light import even_light
+from elitelanes_jax.tiles.rendering import write_png
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
 # The least width of tape in tiles. Thinner pieces are no tape, and narrower gaps are wear.
@@ -177,6 +178,11 @@ class MaskedTile(NamedTuple):
     image: NDArray[np.uint8]
     masks: dict[str, NDArray[np.bool_]]
     proposed: tuple[str, ...]
+
+    def write_masks(self) -> None:
+        """Writes a PNG file of each mask into the folder."""
+        for name, mask in self.masks.items():
+            write_png(self.folder / f"{name}.png", mask.astype(np.uint8) * 255)
 
 
 @name_wrong_arguments

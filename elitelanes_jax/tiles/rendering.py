@@ -17,7 +17,6 @@ from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import (
     check_named,
     file_named,
-    instance,
     is_whole,
     listed,
     path,
@@ -77,6 +76,7 @@ class Picture(NamedTuple):
     labels: NDArray[np.uint8]
     instances: NDArray[np.uint16] | None = None
 
+    @name_wrong_arguments
     def save(self, folder: str | Path) -> None:
         """Writes image.png, a PNG file for each mask, and labels.png.
 
@@ -88,11 +88,19 @@ class Picture(NamedTuple):
         Raises:
           OSError: if a file cannot be written.
         """
-        write_picture(folder, self)
+        folder = Path(check_named("folder", path, folder))
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in ("image", *MASKS, "labels"):
+            write_png(folder / f"{name}.png", getattr(self, name))
+        if self.instances is not None:
+            write_png(folder / "instances.png", self.instances)
 
+    @name_wrong_arguments
     def overlay(self, opacity: float = 0.6) -> NDArray[np.uint8]:
         """Lays the labels over the picture in colour, uint8 ``[H·P, W·P, 3]``, RGB; `opacity` is 0 to 1."""
-        return overlay(self, opacity)
+        check_named("opacity", real(0, 1), opacity)
+        colours = np.array(LABEL_COLOURS, np.uint8)[self.labels]
+        return np.asarray(cv2.addWeighted(self.image, 1 - opacity, colours, opacity, 0), np.uint8)
 
 
 @name_wrong_arguments
@@ -213,7 +221,7 @@ def render(
         seed = 0
     if chosen is None:
         chosen = choose_tiles(road_map.codes, tiles, seed)
-    layers = draw_layers(road_map.codes, tiles, chosen, tile_px, ("image", "labels", *MASKS))
+    layers = _draw_layers(road_map.codes, tiles, chosen, tile_px)
     if objects is not None:
         # A wrong folder is refused for maps without objects too.
         objects = load_objects(objects)
@@ -225,30 +233,23 @@ def render(
     return Picture(**layers, instances=instances)
 
 
-def draw_layers(
-    grid: NDArray[np.int8],
-    tiles: TileSet,
-    chosen: NDArray[np.int_],
-    tile_px: int,
-    names: Sequence[str],
+def _draw_layers(
+    grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_], tile_px: int
 ) -> dict[str, NDArray[np.uint8]]:
-    """Draws some layers of a map without its objects.
+    """Draws `Picture`'s layers of a map without its objects.
 
-    Args:
-      grid: codes ``[H, W]``.
-      tiles: the tile set to draw the map with.
-      chosen: what `choose_tiles` returns.
-      tile_px: P, the side of a tile in pixels.
-      names: the names of `Picture`'s layers to draw; with "image" also "labels".
-
-    Returns:
-      The layers by name, uint8 ``[H·P, W·P]`` and for "image" ``[H·P, W·P, 3]``.
+    `chosen` is what `choose_tiles` returns. Returns the layers by name, uint8 ``[H·P, W·P]`` and
+    for "image" ``[H·P, W·P, 3]``, where P is `tile_px`.
     """
     picture = chosen[..., 0] * 4 + chosen[..., 1]
     scaled = scale_tiles(tiles, tile_px)
+    layers = {
+        name: _lay_out(layer, picture)
+        for name, layer in scaled.items()
+        if name != "image" or not tiles.blend
+    }
     if not tiles.blend:
-        return {name: _lay_out(scaled[name], picture) for name in names}
-    layers = {name: _lay_out(scaled[name], picture) for name in names if name != "image"}
+        return layers
     tones = solve_light(grid, tiles, chosen)
     image = feather(lay_toned(scaled["image"], picture, tones), layers["labels"], grid)
     if any(tile.opaque is not None for tile in tiles.tiles):
@@ -338,19 +339,14 @@ def describe_other_pictures(road_map: RoadMap, tiles: TileSet) -> str:
 
 def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray[np.int_]:
     grid = known_grid(grid)
+    expected = f"integers of shape {(*grid.shape, 2)}"
     try:
         chosen = np.asarray(chosen)
     except ValueError:
         # The rows have several lengths.
-        raise InputError(
-            "chosen", f"integers of shape {(*grid.shape, 2)}", shorten(repr(chosen))
-        ) from None
+        raise InputError("chosen", expected, shorten(repr(chosen))) from None
     if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
-        raise InputError(
-            "chosen",
-            f"integers of shape {(*grid.shape, 2)}",
-            f"{chosen.dtype} of shape {chosen.shape}",
-        )
+        raise InputError("chosen", expected, f"{chosen.dtype} of shape {chosen.shape}")
     for row, column in _misfits(grid, tiles, chosen):
         raise InputError(
             "chosen",
@@ -376,18 +372,6 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
     # Indices beyond the table are looked up as 0, and count as misfits anyway.
     safe = np.where(known[..., None], chosen, 0)
     return np.argwhere(~known | (shown[safe[..., 0], safe[..., 1]] != grid))
-
-
-@name_wrong_arguments
-def write_picture(folder: str | Path, picture: Picture) -> None:
-    """Writes a picture's files, see `Picture.save`; raises `InputError` for an argument of another type."""
-    folder = Path(check_named("folder", path, folder))
-    check_named("picture", instance(Picture), picture)
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in ("image", *MASKS, "labels"):
-        write_png(folder / f"{name}.png", getattr(picture, name))
-    if picture.instances is not None:
-        write_png(folder / "instances.png", picture.instances)
 
 
 @name_wrong_arguments
@@ -463,14 +447,6 @@ def standing_objects(
             red, green, blue = (front[front[..., 3] >= OPAQUE][:, :3].mean(axis=0) / 255).tolist()
             standing.append(Standing(thing, png_of(front), width, (red, green, blue)))
     return standing
-
-
-@name_wrong_arguments
-def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
-    """Lays the labels over a picture, see `Picture.overlay`."""
-    check_named("opacity", real(0, 1), opacity)
-    colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
-    return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
 
 
 @name_wrong_arguments

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES, Side
-from elitelanes_jax.tiles.light import ground_of
+from elitelanes_jax.tiles.light import colours_on_ground
 
 # The depth along a side, in tiles, within which a neighbour's tape is seen.
 _RIM = 0.03
@@ -62,7 +62,9 @@ def find_strips(image: NDArray[np.uint8], code: int, least: Mapping[str, float])
     """
     size = len(image)
     rim, behind = _rim_of(size)
-    parts = _parts(image)
+    relative, red, yellow = colours_on_ground(image, size)
+    # White tape has all colours, and coloured tape lacks blue.
+    parts = {"red": red, "yellow": yellow, "white": relative.min(axis=-1)}
     for turns, side in enumerate(SIDES):
         is_open = bool(code & side.bit)
         for colour, part in parts.items():
@@ -106,15 +108,3 @@ def without_strips(image: NDArray[np.uint8], code: int) -> NDArray[np.uint8]:
 def _rim_of(size: int) -> tuple[int, int]:
     """Returns the depths of the rim and of the band behind it, in pixels."""
     return round(size * _RIM), max(1, round(size * _BEHIND))
-
-
-def _parts(image: NDArray[np.uint8]) -> dict[str, NDArray[np.float32]]:
-    """Returns how red, yellow and bright each pixel is, relative to the ground."""
-    relative = (image.astype(np.float32) + 4) / ground_of(image, len(image))[..., None]
-    red, green, blue = np.moveaxis(relative, -1, 0)
-    return {
-        "red": red - np.maximum(green, blue),
-        "yellow": np.minimum(red, green) - blue,
-        # White tape has all colours, and coloured tape lacks blue.
-        "white": np.minimum(np.minimum(red, green), blue),
-    }

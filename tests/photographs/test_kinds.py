@@ -71,7 +71,7 @@ def read_holes(tiles, read_with, ground, seed):
     blurred = cv2.GaussianBlur(picture, (0, 0), float(rng.uniform(0.5, 1.5)))
     away = rng.uniform(-0.006, 0.006, (4, 2)) * np.linalg.norm(corners[1] - corners[0]) / 4
     view = view_of(corners + away, 6, 4, photographed.WIDTH, photographed.HEIGHT)
-    return _kinds.read_kinds(_cells.fitted_cells(blurred, view, (6, 4)), read_with)
+    return _kinds.read_kinds(_cells.fitted_cells(blurred, view), read_with)
 
 
 def cut_from_a_floor(tiles, folder):

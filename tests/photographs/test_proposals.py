@@ -37,7 +37,7 @@ def proposal(shot):
 def off(proposal, corners=CORNERS):
     """The largest distance of a proposed corner from the true one, in tiles."""
     away = np.linalg.norm(np.array(proposal.corners) - corners, axis=1).max()
-    return away / proposal.view.tile_pixels(*np.shape(proposal.codes))
+    return away / proposal.view.tile_pixels(proposal.view.corners.mean(axis=0))
 
 
 def test_a_floor_is_found_and_read(proposal):
