@@ -182,7 +182,7 @@ def _read_tiles(values: Mapping[str, Plain]) -> Int8[np.ndarray, "H W"]:
     codes = []
     for row, tiles in enumerate(rows):
         codes.append([_code_of(tile, row, column) for column, tile in enumerate(tiles)])
-    return np.array(known_grid(codes))
+    return known_grid(codes)
 
 
 def _code_of(tile: Plain, row: int, column: int) -> int:
