@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import SEED, check_named
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats._scene import Lanelet, Scene, make_scene
-from elitelanes_jax.formats.streets import Line, Streets, to_metres
+from elitelanes_jax.formats._scene import Lanelet, Line, Scene, make_scene
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import CHORDS, lane_curves, moved
 from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import LaneNode, Movement, no_lane_error
@@ -145,8 +145,7 @@ def _list_roads(scene: Scene) -> list[Road]:
 
 def _line(lanelet: Lanelet, offset: float, scene: Scene) -> Line:
     row, column, heading, turn = lanelet.movement
-    points = _line_in_tile(heading, turn, offset) + np.array([column, row])
-    return to_metres(points, scene.streets, scene.rows)
+    return scene.to_metres(_line_in_tile(heading, turn, offset) + np.array([column, row]))
 
 
 @cache

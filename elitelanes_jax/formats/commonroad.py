@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
-from elitelanes_jax.formats.streets import Line, Streets
+from elitelanes_jax.formats._scene import Approach, Lanelet, Line, Scene, make_scene
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.movements import BACK
 
 _HEAD = """\

@@ -36,7 +36,7 @@ from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.formats.tags import TAG_FAMILY, TAG_SIZE
 from elitelanes_jax.lanes.curves import lane_curves
 from elitelanes_jax.lanes.movements import lane_graph
-from elitelanes_jax.network.codes import rotate_codes
+from elitelanes_jax.network.codes import list_turned
 
 _MAP = "map_0"
 
@@ -133,12 +133,7 @@ def _write_layers(
       frame_of_tile: the frame of a tile from its column i, its row j from the south, and its yaw.
       robot: what the frames of robots are named after.
     """
-    # The kind of a tile and its quarter turns, by the code.
-    kinds: dict[int, tuple[str, int]] = {}
-    for kind, upright_code in roads.items():
-        for turns in range(4):
-            # A straight looks the same after half a turn. `setdefault` keeps the fewest turns.
-            kinds.setdefault(rotate_codes(upright_code, turns), (kind, turns))
+    kinds = list_turned(roads)
     rows = len(road_map.codes)
     layers: dict[str, _Table] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}

@@ -25,7 +25,7 @@ from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import cut_roads
 from elitelanes_jax.formats._scene import Scene, make_scene
 from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import CHORDS
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.lanes.movements import LaneNode
@@ -109,7 +109,7 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     edges = []
     connections = []
     for road in roads:
-        line = to_metres(_line(road, exits), streets, scene.rows)
+        line = scene.to_metres(_line(road, exits))
         node = road[0]
         nodes[node] = _node(node, line[0], scene.rights.get(node, "priority"), streets)
         edges.append(_edge(road, line, streets))

@@ -15,9 +15,10 @@ import pytest
 from refusals import refused
 
 from elitelanes_jax.formats import RoadMap, read_map
+from elitelanes_jax.formats._scene import make_scene
 from elitelanes_jax.formats._traffic import AGENTS
 from elitelanes_jax.formats.pufferdrive import to_pufferdrive
-from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import lane_polyline
 from elitelanes_jax.lanes.movements import BACK, lane_graph
 from elitelanes_jax.network.growth import grow_town
@@ -96,13 +97,13 @@ def links_by_geometry(lanes):
 
 @pytest.mark.parametrize("grid", GRIDS)
 def test_lanes_are_our_movements_and_join_as_they_do(grid):
-    streets = Streets()
+    scene = make_scene(grid, Streets())
     _, roads = read_binary(to_pufferdrive(grid, "map").binary)
     graph = lane_graph(np.array(grid), turn_back=True)
     lanes = [road for road in roads if road.kind == LANE]
     assert [road.number for road in roads] == list(range(len(roads)))
     for lane, movement in zip(lanes, graph.list_movements(), strict=True):
-        centre = to_metres(lane_polyline(movement, 1.6 / 30), streets, len(grid))
+        centre = scene.to_metres(lane_polyline(movement, 1.6 / 30))
         for point, expected in ((lane.points[0], centre[0]), (lane.points[-1], centre[-1])):
             np.testing.assert_allclose(point, [expected.real, expected.imag], atol=1e-4)
         # A half circle has 32 chords in the polyline, and 16 in PufferDrive's lane.

@@ -11,9 +11,10 @@ from refusals import refused
 
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import RoadMap, read_map
+from elitelanes_jax.formats._scene import make_scene
 from elitelanes_jax.formats._traffic import CarSides, Log
 from elitelanes_jax.formats.scenarionet import _track, _without_touching, index_scenarios, to_scenarionet
-from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import lane_polyline
 from elitelanes_jax.lanes.movements import lane_graph
 
@@ -38,11 +39,12 @@ def of_kind(scenario, kind):
 @pytest.mark.parametrize("grid", [*GRIDS, *map(random_grid, range(4))])
 def test_lanes_are_our_movements_with_their_links_and_outlines(grid):
     lanes = of_kind(read(grid, "map"), "LANE_SURFACE_STREET")
+    scene = make_scene(grid, Streets())
     graph = lane_graph(np.array(grid), turn_back=True)
     movements, successors = graph.list_movements(), graph.list_successors()
     assert list(lanes) == [str(index) for index in range(len(movements))]
     for lane, movement, after in zip(lanes.values(), movements, successors, strict=True):
-        centre = to_metres(lane_polyline(movement, 1.6 / 30), Streets(), len(grid))
+        centre = scene.to_metres(lane_polyline(movement, 1.6 / 30))
         points = lane["polyline"][:, 0] + 1j * lane["polyline"][:, 1]
         assert abs(points[0] - centre[0]) < 1e-3 and abs(points[-1] - centre[-1]) < 1e-3
         assert lane["exit_lanes"] == list(map(str, after))
