@@ -139,25 +139,17 @@ def make_scene(source: UserValue, streets: Streets) -> Scene:
         range(len(lanelets)), lambda index: lanelets[index].movement.node
     ):
         if node.tile in crossings:
-            crossings[node.tile].append(Approach(node, list(starting), ""))
-    for tile, right_of_way in rights.items():
-        crossings[tile] = _controlled(crossings[tile], right_of_way, lanelets)
+            indices = list(starting)
+            control = _control(rights[node.tile], [lanelets[index] for index in indices])
+            crossings[node.tile].append(Approach(node, indices, control))
     return Scene(road_map, streets, links, lanelets, rights, crossings)
 
 
-def _controlled(
-    approaches: list[Approach], right_of_way: str, lanelets: list[Lanelet]
-) -> list[Approach]:
-    """Returns the approaches of a crossing with what their drivers find."""
-    controls = [_CONTROLS[right_of_way]] * len(approaches)
+def _control(right_of_way: str, lanelets: list[Lanelet]) -> str:
+    """Returns what the drivers of an approach find, from which these lanelets start."""
     # Where three roads meet, the one that ends there has no turn straight on, and gives way. Where
     # four roads meet, no road gives way.
-    if right_of_way == "priority" and len(approaches) == 3:
-        controls = []
-        for approach in approaches:
-            turns = [lanelets[index].movement.turn for index in approach.lanelets]
-            controls.append("go_first" if _STRAIGHT in turns else "yield")
-    return [
-        approach._replace(control=control)
-        for approach, control in zip(approaches, controls, strict=True)
-    ]
+    if right_of_way == "priority" and lanelets[0].arms == 3:
+        leads_straight_on = any(lanelet.movement.turn == _STRAIGHT for lanelet in lanelets)
+        return "go_first" if leads_straight_on else "yield"
+    return _CONTROLS[right_of_way]

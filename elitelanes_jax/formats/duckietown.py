@@ -50,15 +50,12 @@ _TURNS = {"S": 0, "E": 1, "N": 2, "W": 3}
 def _codes_of_tiles() -> dict[str, int]:
     """Returns the code of each tile that a file may name."""
     codes = {}
-    for kind, code in _ROADS.items():
+    without_road = dict.fromkeys((*GROUNDS, "calibration_tile"), 0)
+    for kind, code in (_ROADS | without_road).items():
         # A kind without a side faces east.
         codes[kind] = rotate_codes(code, _TURNS["E"])
         for side, turns in _TURNS.items():
             codes[f"{kind}/{side}"] = rotate_codes(code, turns)
-    for kind in (*GROUNDS, "calibration_tile"):
-        codes[kind] = 0
-        for side in _TURNS:
-            codes[f"{kind}/{side}"] = 0
     return codes
 
 

@@ -243,13 +243,13 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     angle = _number("angle", values.get("angle", 0.0), -7, 7, "radians")
     object_height = _number("height", values.get("height", usual), lowest, highest, "metres")
     tag, static = values.get("tag"), values.get("static", True)
-    if tag is not None and not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
-        got = shorten(repr(tag), 40)
-        raise InputError("tag", f"a number of the family 36h11, 0 to {LARGEST_TAG}", got)
+    if tag is not None:
+        if not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
+            got = shorten(repr(tag), 40)
+            raise InputError("tag", f"a number of the family 36h11, 0 to {LARGEST_TAG}", got)
+        tag = int(tag)
     if not is_flag(static):
         raise InputError("static", "true or false", shorten(repr(static), 40))
-    if tag is not None:
-        tag = int(tag)
     return MapObject(kind, x, y, angle, object_height, tag, bool(static))
 
 
