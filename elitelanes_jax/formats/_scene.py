@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Complex128, Float
 
 from elitelanes_jax._util.checks import check_named, instance
-from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import lane_polyline, middle_of_side
@@ -111,19 +110,17 @@ class Scene(NamedTuple):
         return self.to_metres(left), self.to_metres(lane_polyline(movement, lane))
 
 
-def make_scene(source: UserValue, streets: Streets) -> Scene:
+def make_scene(road_map: RoadMap, streets: Streets) -> Scene:
     """Makes the scene of a map.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
-        returns, or that leave the grid, are no roads.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
 
     Raises:
-      InputError: for a bad map, one without any road, or bad measures.
+      InputError: for a map without any road, or bad measures.
     """
-    road_map = as_map(source)
     check_named("streets", instance(Streets), streets)
     links = linked_tiles(road_map.codes)
     rights = rights_of_way(road_map, links, streets.right_of_way)

@@ -16,7 +16,6 @@ from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from elitelanes_jax._util.checks import check_named, xml_name
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._beside import Place, Ways
 from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import (
@@ -28,6 +27,7 @@ from elitelanes_jax.formats._roads import (
 from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject, base_kind
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import Signal, is_signal, list_signals
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import Curve, lane_curves
@@ -109,13 +109,12 @@ class _Road(NamedTuple):
     objects: list[str]
 
 
-def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str = "map") -> str:
+def to_opendrive(road_map: RoadMap, streets: Streets = Streets(), *, name: str = "map") -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
     Args:
-      source: a `RoadMap`, whose signs, lights and objects are written too, a grid ``[H, W]`` of
-        codes, or a file. Connections that no neighbour returns, or that leave the grid, are no
-        roads.
+      road_map: the map, whose signs, lights and objects are written too. Connections that no
+        neighbour returns, or that leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
       name: the name of the map, in the header.
@@ -127,9 +126,9 @@ def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str =
       such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad map, one without any road, bad measures, or a bad name.
+      InputError: for a map without any road, bad measures, or a bad name.
     """
-    scene = make_scene(source, streets)
+    scene = make_scene(road_map, streets)
     title = check_named("name", xml_name, name)
     # Tiles with two links are inside roads. Crossings and dead ends are nodes.
     nodes = {tile for tile, neighbours in scene.links.items() if len(neighbours) != 2}
@@ -139,7 +138,7 @@ def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str =
     # CARLA takes a number for the number of a road if a road has it. Therefore roads are numbered
     # after junctions.
     first = len(junctions) + 1
-    signals = list_signals(scene.road_map, scene.rights, paths)
+    signals = list_signals(road_map, scene.rights, paths)
     roads = [
         _road(path, number, junctions, signals, scene) for number, path in enumerate(paths, first)
     ]

@@ -24,7 +24,7 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import cut_roads
 from elitelanes_jax.formats._scene import Scene, make_scene
-from elitelanes_jax.formats.road_map import as_map
+from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import CHORDS
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
@@ -76,13 +76,11 @@ class Sumo(NamedTuple):
     settings: str
 
 
-def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
+def to_sumo(road_map: RoadMap, name: str, streets: Streets = Streets()) -> Sumo:
     """Writes a map for SUMO; the same map gives the same texts.
 
-    Connections that no neighbour returns, or that leave the grid, are no roads.
-
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       name: the name of the files, without their suffixes .nod.xml, .edg.xml and .con.xml, for the
         settings.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
@@ -97,10 +95,10 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
       corner, in metres.
 
     Raises:
-      InputError: for a bad map, one without any road, a bad name, or bad measures.
+      InputError: for a map without any road, a bad name, or bad measures.
     """
-    scene = make_scene(source, streets)
-    roads = _roads(scene.road_map.codes)
+    scene = make_scene(road_map, streets)
+    roads = _roads(road_map.codes)
     # The first tile of each road that leaves a node. A connection leads into one of these roads.
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
