@@ -252,19 +252,12 @@ def xml_name(value: UserValue) -> str:
 
 def path(value: UserValue) -> Path:
     """Checks for a path."""
-    # For these characters the system would raise a `ValueError`, which is no `OSError`.
-    if "\0" in str(value) or not _has_bytes(str(value)):
-        raise InputError("", "a path", shorten(repr(str(value))))
-    return value if isinstance(value, Path) else Path(nonblank(value))
-
-
-def _has_bytes(text: str) -> bool:
-    """Returns whether the file system can hold a text; half of a surrogate pair has no bytes."""
-    try:
-        os.fsencode(text)
-    except UnicodeEncodeError:
-        return False
-    return True
+    # Half of a surrogate pair has no bytes. For it and for a zero byte the system would raise a
+    # `ValueError`, which is no `OSError`.
+    with suppress(UnicodeEncodeError):
+        if b"\0" not in os.fsencode(str(value)):
+            return value if isinstance(value, Path) else Path(nonblank(value))
+    raise InputError("", "a path", shorten(repr(str(value))))
 
 
 def is_folder(path: Path) -> bool:

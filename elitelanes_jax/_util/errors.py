@@ -137,9 +137,9 @@ def pluralize(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
-def list_some(names: Sequence[str], most: int, separator: str = ", ") -> str:
+def list_some(names: Sequence[str], most: int) -> str:
     """Returns the first `most` names as words, with the number of names that are left out."""
-    words = separator.join(names[:most])
+    words = ", ".join(names[:most])
     if len(names) <= most:
         return words
     return f"{words} and {len(names) - most} more"

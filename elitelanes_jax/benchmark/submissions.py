@@ -178,7 +178,7 @@ def _best_fitness(task: Task, measured: Measured) -> NDArray[np.float64]:
     Raises:
       InputError: for a grid that the task's certificates say cannot exist.
     """
-    flawless = measured.flaws == 0
+    flawless = measured.counts
     certified = np.zeros_like(flawless)
     best = np.full((*flawless.shape[:2], len(task.niches)), np.inf)
     for niche, (descriptors, optimum) in enumerate(zip(task.niches, task.optimum, strict=True)):

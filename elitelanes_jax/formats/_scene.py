@@ -1,17 +1,25 @@
 """The scene of a map: its lanelets, and its crossings with who goes first there.
 
-All formats of networks write this record. Positions are in metres, as in `streets`.
+All formats of networks write this record. Files have positions in metres, x east and y north of the
+grid's south-west corner. Here such a position is the complex number x + y·i.
 """
 
 from itertools import groupby
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
-from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats.road_map import RoadMap, as_map
+import numpy as np
+from jaxtyping import Complex128, Float
+
+from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import rights_of_way
-from elitelanes_jax.formats.streets import Line, Streets, bounds
+from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.lanes.curves import lane_polyline, middle_of_side
 from elitelanes_jax.lanes.links import Cell, linked_tiles
-from elitelanes_jax.lanes.movements import TURNS, LaneNode, Movement, lane_graph
+from elitelanes_jax.lanes.movements import BACK, TURNS, LaneNode, Movement, lane_graph
+
+Line: TypeAlias = Complex128[np.ndarray, " P"]
+"""Points in metres, x + y·i."""
 
 _STRAIGHT = TURNS.index("straight")
 
@@ -80,27 +88,43 @@ class Scene(NamedTuple):
         """The number of rows of the grid."""
         return len(self.road_map.codes)
 
+    def to_metres(self, points: Float[np.ndarray, "P 2"]) -> Line:
+        """Converts points in tiles east and south of the grid's north-west corner to metres."""
+        return (points[:, 0] + (self.rows - points[:, 1]) * 1j) * self.streets.tile_size
+
     def bounds(self, lanelet: Lanelet) -> tuple[Line, Line]:
-        """Returns the left and the right bound of a lanelet, with as many points."""
-        return bounds(lanelet.movement, self.streets, self.rows)
+        """Returns the left and the right bound of a lanelet, with as many points.
+
+        The left bound is the middle of the road. The right bound is the width of a lane beside it.
+        At a dead end the left bound leads around an island, a tenth of a lane wide.
+        """
+        movement = lanelet.movement
+        lane = self.streets.lane / self.streets.tile_size
+        if movement.turn == BACK:
+            # The left bound starts and ends in the middle of the road. Between its ends it is the
+            # outline of the island.
+            left = lane_polyline(movement, lane / 20)
+            left[[0, -1]] = middle_of_side(movement.node.tile, (movement.heading + 2) % 4)
+        else:
+            left = lane_polyline(movement, 0.0)
+        return self.to_metres(left), self.to_metres(lane_polyline(movement, lane))
 
 
-def make_scene(source: UserValue, streets: Streets) -> Scene:
+def make_scene(road_map: RoadMap, streets: Streets) -> Scene:
     """Makes the scene of a map.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
-        returns, or that leave the grid, are no roads.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
 
     Raises:
-      InputError: for a bad map, one without any road, or bad measures.
+      InputError: for a map without any road, or bad measures.
     """
-    road_map = as_map(source)
-    rights = rights_of_way(road_map, streets)
-    graph = lane_graph(road_map.codes, turn_back=True)
+    check_named("streets", instance(Streets), streets)
     links = linked_tiles(road_map.codes)
+    rights = rights_of_way(road_map, links, streets.right_of_way)
+    graph = lane_graph(road_map.codes, turn_back=True)
     lanelets: list[Lanelet] = []
     for movement, before, after in zip(
         graph.list_movements(), graph.list_predecessors(), graph.list_successors(), strict=True
@@ -112,25 +136,17 @@ def make_scene(source: UserValue, streets: Streets) -> Scene:
         range(len(lanelets)), lambda index: lanelets[index].movement.node
     ):
         if node.tile in crossings:
-            crossings[node.tile].append(Approach(node, list(starting), ""))
-    for tile, right_of_way in rights.items():
-        crossings[tile] = _controlled(crossings[tile], right_of_way, lanelets)
+            indices = list(starting)
+            control = _control(rights[node.tile], [lanelets[index] for index in indices])
+            crossings[node.tile].append(Approach(node, indices, control))
     return Scene(road_map, streets, links, lanelets, rights, crossings)
 
 
-def _controlled(
-    approaches: list[Approach], right_of_way: str, lanelets: list[Lanelet]
-) -> list[Approach]:
-    """Returns the approaches of a crossing with what their drivers find."""
-    controls = [_CONTROLS[right_of_way]] * len(approaches)
+def _control(right_of_way: str, lanelets: list[Lanelet]) -> str:
+    """Returns what the drivers of an approach find, from which these lanelets start."""
     # Where three roads meet, the one that ends there has no turn straight on, and gives way. Where
     # four roads meet, no road gives way.
-    if right_of_way == "priority" and len(approaches) == 3:
-        controls = []
-        for approach in approaches:
-            turns = [lanelets[index].movement.turn for index in approach.lanelets]
-            controls.append("go_first" if _STRAIGHT in turns else "yield")
-    return [
-        approach._replace(control=control)
-        for approach, control in zip(approaches, controls, strict=True)
-    ]
+    if right_of_way == "priority" and lanelets[0].arms == 3:
+        leads_straight_on = any(lanelet.movement.turn == _STRAIGHT for lanelet in lanelets)
+        return "go_first" if leads_straight_on else "yield"
+    return _CONTROLS[right_of_way]

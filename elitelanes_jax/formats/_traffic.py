@@ -12,9 +12,9 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import SEED, check_named
-from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats._scene import Lanelet, Scene, make_scene
-from elitelanes_jax.formats.streets import Line, Streets, to_metres
+from elitelanes_jax.formats._scene import Lanelet, Line, Scene, make_scene
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import CHORDS, lane_curves, moved
 from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import LaneNode, Movement, no_lane_error
@@ -87,24 +87,22 @@ class Traffic(NamedTuple):
     sides: CarSides
 
 
-def make_traffic(source: UserValue, streets: Streets, seed: int) -> Traffic:
+def make_traffic(road_map: RoadMap, streets: Streets, seed: int) -> Traffic:
     """Makes the traffic on a map; the same map and seed give the same traffic.
 
     Cars start in the middle of random lanes, at most one on a tile. Each follows random turns at
     the speed limit.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
-        returns, or that leave the grid, are no roads.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       streets: their measures. Signs stand at all-way stops alone.
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
-        seed.
+      InputError: for a map without a lane from a tile to another, bad measures, or a bad seed.
     """
     seed = check_named("seed", SEED, seed)
-    scene = make_scene(source, streets)
+    scene = make_scene(road_map, streets)
     roads = _list_roads(scene)
     logs = _drive(scene, roads, np.random.default_rng(seed))
     sides = CarSides(_LENGTH * streets.lane, _WIDTH * streets.lane, _HEIGHT * streets.lane)
@@ -145,8 +143,7 @@ def _list_roads(scene: Scene) -> list[Road]:
 
 def _line(lanelet: Lanelet, offset: float, scene: Scene) -> Line:
     row, column, heading, turn = lanelet.movement
-    points = _line_in_tile(heading, turn, offset) + np.array([column, row])
-    return to_metres(points, scene.streets, scene.rows)
+    return scene.to_metres(_line_in_tile(heading, turn, offset) + np.array([column, row]))
 
 
 @cache

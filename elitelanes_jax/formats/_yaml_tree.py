@@ -6,7 +6,7 @@ scalars stay texts: no numbers, dates or objects.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import yaml
 
@@ -78,17 +78,23 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
             case yaml.MappingEndEvent():
                 table, items = opened.pop()
                 assert isinstance(table, dict)
-                # A table gets its entries when it ends, so an outer table is still empty and cannot
-                # be merged.
-                unfilled = [outer for outer, _ in opened] + [table]
                 _fill(table, items)
-                merged = _take_merged(table, unfilled)
-                # Merged keys count too, because merge keys can copy a large table many times. They
-                # count before they are copied, because one merge key can have very many tables.
-                values += sum(map(len, merged))
-                if values > _MOST_VALUES:
-                    raise _too_many()
-                _merge(table, merged)
+                if _MERGE in table:
+                    # A table gets its entries when it ends, so an outer table is still empty and
+                    # cannot be merged.
+                    unfilled = [outer for outer, _ in opened] + [table]
+                    merged = _tables_of(table.pop(_MERGE), unfilled)
+                    # Merged keys count too, because merge keys can copy a large table many times.
+                    # They count before they are copied, because one merge key can have very many
+                    # tables.
+                    values += sum(map(len, merged))
+                    if values > _MOST_VALUES:
+                        raise _too_many()
+                    # The table's own keys override merged ones. The place of the merge key does not
+                    # matter.
+                    for other in merged:
+                        for key, entry in other.items():
+                            table.setdefault(key, entry)
                 continue
             case yaml.SequenceEndEvent():
                 opened.pop()
@@ -127,29 +133,12 @@ def _fill(table: dict[str, Plain], items: list[Plain]) -> None:
         table[key] = value
 
 
-def _take_merged(table: dict[str, Plain], unfilled: list[Plain]) -> list[Mapping[str, Plain]]:
-    """Removes the merge key from a table, and returns its tables; none without a merge key."""
-    if _MERGE not in table:
-        return []
-    return _tables_of(table.pop(_MERGE), unfilled)
-
-
-def _merge(table: dict[str, Plain], merged: list[Mapping[str, Plain]]) -> None:
-    """Adds the entries of merged tables to a table.
-
-    The table's own keys override them. The place of the merge key does not matter.
-    """
-    for other in merged:
-        for key, value in other.items():
-            table.setdefault(key, value)
-
-
-def _tables_of(value: Plain, unfilled: list[Plain]) -> list[Mapping[str, Plain]]:
+def _tables_of(value: Plain, unfilled: list[Plain]) -> list[dict[str, Plain]]:
     """Returns the tables of a merge key, the first one first.
 
     If several tables have a key, the value of the first table counts.
     """
-    tables: list[Mapping[str, Plain]] = []
+    tables: list[dict[str, Plain]] = []
     for table in value if isinstance(value, list) else [value]:
         if not isinstance(table, dict) or any(table is outer for outer in unfilled):
             raise InputError(

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
-from elitelanes_jax.formats.streets import Line, Streets
+from elitelanes_jax.formats._scene import Approach, Lanelet, Line, Scene, make_scene
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.movements import BACK
 
 _HEAD = """\
@@ -47,12 +47,11 @@ class _Sides(NamedTuple):
     right: Line
 
 
-def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
+def to_commonroad(road_map: RoadMap, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a CommonRoad scenario, ``.xml``.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
-        returns, or that leave the grid, are no roads.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
 
@@ -63,9 +62,9 @@ def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
       there.
 
     Raises:
-      InputError: for a bad map, one without any road, or bad measures.
+      InputError: for a map without any road, or bad measures.
     """
-    scene = make_scene(source, streets)
+    scene = make_scene(road_map, streets)
     lanelets = scene.lanelets
     sides = _list_sides(scene)
     number = count(len(lanelets) + 1).__next__

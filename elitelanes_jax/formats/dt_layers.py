@@ -11,12 +11,13 @@ to the frame that it names, or else to the one that its name continues: ``map_0/
 
 import re
 from collections.abc import Mapping
+from itertools import chain
 from math import cos, floor, isfinite, pi, radians, remainder, sin
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Int8
 
 from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.errors import InputError, brief, shorten
@@ -64,6 +65,9 @@ TURNED_AS_MATRIX = "# Curves and 3-way tiles are turned as in the Duckiematrix.\
 ROADS_OF_MATRIX = ROADS | {"curve": NORTH | WEST, "3way": NORTH | EAST | WEST}
 """The same codes in the maps of the Duckiematrix and of map editors."""
 
+# The ways of turning tiles: the first line of tiles that we write, and the codes of the kinds.
+_WAYS = {TURNED_AS_LIBRARY: ROADS, TURNED_AS_MATRIX: ROADS_OF_MATRIX}
+
 # The kind of each sign by the library's name, or by the name of our kind.
 _KIND_OF_SIGN = {name: kind for kind, name in SIGNS.items()}
 _KIND_OF_SIGN |= {name: kind for kind, name in _SHORT_NAMES.items()}
@@ -107,7 +111,7 @@ def is_layers(folder: Path) -> bool:
     return (folder / "tiles.yaml").is_file()
 
 
-def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] | None]:
+def read_layers(folder: Path) -> tuple[Int8[np.ndarray, "H W"], tuple[MapObject, ...] | None]:
     """Reads a folder of layers: its tiles and objects, None without objects.
 
     Watchtowers and layers of other names are not read. An object has its usual height, unless the
@@ -164,7 +168,7 @@ def _read_objects(
     """
     west, south = corner
     height, width = shape
-    objects_by_frame: dict[str, list[MapObject]] = {}
+    objects_by_frame: dict[str, list[MapObject]] = {name: [] for name in layers["frames"]}
     for layer in OBJECT_LAYERS:
         for name, values in layers[layer].items():
             label = f"{folder / layer}.yaml: {name}"
@@ -177,13 +181,10 @@ def _read_objects(
             y = height + south - pose.y / frames.size
             map_object = check_named(label, _read_object, layer, values, x, y, pose.yaw)
             map_object = check_named(label, check_object, map_object, height, width)
-            objects_by_frame.setdefault(name, []).append(map_object)
+            objects_by_frame[name].append(map_object)
     # Objects of all layers come in the order of the frames, which is the order in which we write
     # them.
-    objects = []
-    for name in layers["frames"]:
-        objects += objects_by_frame.get(name, [])
-    return objects
+    return list(chain.from_iterable(objects_by_frame.values()))
 
 
 def _read_layer(folder: Path, name: str) -> dict[str, _Table]:
@@ -342,14 +343,13 @@ def _is_in_degrees(yaw: float) -> bool:
 
 
 class _Tile(NamedTuple):
-    """A tile: its cell, and its code by both ways of turning tiles.
+    """A tile: its cell, and its code by each way of `_WAYS`.
 
     The cell is columns from the west and rows from the south.
     """
 
     cell: Cell
-    library_code: int
-    matrix_code: int
+    codes: tuple[int, ...]
 
 
 def _read_tile(
@@ -363,13 +363,13 @@ def _read_tile(
     cell = _cell(name, values, pose, size)
     kind = values.get("type")
     if kind in GROUNDS:
-        return _Tile(cell, 0, 0)
+        return _Tile(cell, (0, 0))
     if not isinstance(kind, str) or kind not in ROADS:
         kinds = ", ".join([*ROADS, *GROUNDS])
         raise InputError("type", f"one of {kinds}", brief(kind, 40))
     # A 4-way tile looks the same in all rotations, so it needs no yaw.
     if kind == "4way":
-        return _Tile(cell, 15, 15)
+        return _Tile(cell, (15, 15))
     if pose is None:
         expected = f"a frame of this name in frames.yaml for the yaw of a {kind}"
         raise InputError("", expected, "none")
@@ -379,9 +379,7 @@ def _read_tile(
     if clockwise:
         turns = -turns
     # Which way the map uses is known only after all its tiles were read.
-    library_code = int(rotate_codes(ROADS[kind], turns % 4))
-    matrix_code = int(rotate_codes(ROADS_OF_MATRIX[kind], turns % 4))
-    return _Tile(cell, library_code, matrix_code)
+    return _Tile(cell, tuple(rotate_codes(roads[kind], turns) for roads in _WAYS.values()))
 
 
 def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
@@ -414,18 +412,8 @@ def _index(position: float, size: float) -> int:
     raise InputError("", f"the middle or the corner of a cell of {size:g} m", f"{position:g} m")
 
 
-class _Readings(NamedTuple):
-    """The codes of a map by both ways of turning its tiles."""
-
-    library: NDArray[np.int8]
-    matrix: NDArray[np.int8]
-
-
-def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
-    """Returns the cell of the map's south-west corner, and the codes of the map.
-
-    The codes are by both ways of turning tiles.
-    """
+def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, Int8[np.ndarray, "2 H W"]]:
+    """Returns the cell of the map's south-west corner, and the map's codes by each of `_WAYS`."""
     columns = [tile.cell[0] for tile in tiles.values()]
     rows = [tile.cell[1] for tile in tiles.values()]
     # The map begins at the cell (0, 0), or farther west or south if there are tiles.
@@ -441,38 +429,36 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
         raise InputError("", expected, got)
     # Cells without a tile stay empty.
     name_by_cell: dict[Cell, str] = {}
-    readings = _Readings(np.zeros((height, width), np.int8), np.zeros((height, width), np.int8))
+    readings = np.zeros((len(_WAYS), height, width), np.int8)
     for name, tile in tiles.items():
         first_name = name_by_cell.setdefault(tile.cell, name)
         if first_name != name:
             got = f"{first_name} in the same one"
             raise InputError(name, "one tile in each cell", got)
         column, row = tile.cell
-        readings.library[north - row, column - west] = tile.library_code
-        readings.matrix[north - row, column - west] = tile.matrix_code
+        readings[:, north - row, column - west] = tile.codes
     return (west, south), readings
 
 
-def _as_turned(folder: Path, readings: _Readings) -> NDArray[np.int8]:
+def _as_turned(folder: Path, readings: Int8[np.ndarray, "2 H W"]) -> Int8[np.ndarray, "H W"]:
     """Returns the reading that our first line names.
 
     Without this line, returns the reading with fewer loose ends.
     """
     # The line is a comment, so `yaml_tree` does not return it.
     text = read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML")
-    # Git and editors may have changed the ends of lines.
-    if text.startswith(TURNED_AS_LIBRARY.rstrip()):
-        return readings.library
-    if text.startswith(TURNED_AS_MATRIX.rstrip()):
-        return readings.matrix
+    for first_line, codes in zip(_WAYS, readings, strict=True):
+        # Git and editors may have changed the ends of lines.
+        if text.startswith(first_line.rstrip()):
+            return codes
     # Of two readings with as many loose ends, `min` returns the first one, the library's.
     return min(readings, key=_count_unreturned)
 
 
-def _count_unreturned(codes: NDArray[np.int8]) -> int:
+def _count_unreturned(codes: Int8[np.ndarray, "H W"]) -> int:
     """Returns the number of connections that no neighbour returns."""
     # `linked_codes` removes the connections that no neighbour returns.
-    return int(CONNECTIONS[codes].sum()) - int(CONNECTIONS[linked_codes(codes)].sum())
+    return int((CONNECTIONS[codes] - CONNECTIONS[linked_codes(codes)]).sum())
 
 
 def _read_object(layer: str, values: _Table, x: float, y: float, angle: float) -> MapObject:

@@ -21,7 +21,7 @@ from math import pi, remainder
 import numpy as np
 import yaml
 
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.dt_layers import (
     LAYERS,
     ROADS,
@@ -32,45 +32,44 @@ from elitelanes_jax.formats.dt_layers import (
 )
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_roads, check_tile_size
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject
-from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.tags import TAG_FAMILY, TAG_SIZE
 from elitelanes_jax.lanes.curves import lane_curves
 from elitelanes_jax.lanes.movements import lane_graph
-from elitelanes_jax.network.codes import rotate_codes
+from elitelanes_jax.network.codes import list_turned
 
 _MAP = "map_0"
 
 _Table = dict[str, Plain]
 
 
-def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
+def to_dt_maps(road_map: RoadMap, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers for the library dt-maps 0.1.0.
 
     The keys are the names of the layers, such as ``tiles``. The library reads each from a file
     ``NAME.yaml``.
 
     Args:
-      road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
+      road_map: the map.
       tile_size: the side of a tile in metres, 0.01 to 100.
 
     Raises:
-      InputError: for a bad map or size, or tiles with one connection, which Duckietown lacks; the
-        message names them.
+      InputError: for a bad size, or tiles with one connection, which Duckietown lacks; the message
+        names them.
     """
     check_tile_size(tile_size)
-    source = as_map(road_map)
-    check_roads(source.codes)
+    check_roads(road_map.codes)
     size = float(tile_size)
 
     def frame_of_tile(i: int, j: int, yaw: float) -> _Table:
         # The library has the middle of a tile, in metres.
         return {"relative_to": _MAP, "pose": _pose((i + 0.5) * size, (j + 0.5) * size, yaw)}
 
-    layers = _write_layers(source, size, ROADS, frame_of_tile, robot="duckiebot")
+    layers = _write_layers(road_map, size, ROADS, frame_of_tile, robot="duckiebot")
     return _texts(layers, "1.0", TURNED_AS_LIBRARY)
 
 
-def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
+def to_duckiematrix(road_map: RoadMap, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers for the Duckiematrix, by the names of `to_dt_maps`.
 
     Robots are ``map_0/vehicle_0``, ``map_0/vehicle_1`` and so on. Duckietown's Gym environment
@@ -78,31 +77,30 @@ def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dic
     `MapInterpreter` of the package duckietown-sdk 0.2.0 reads the layers of tiles.
 
     Args:
-      road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
+      road_map: the map.
       tile_size: the side of a tile in metres, 0.01 to 100.
 
     Raises:
-      InputError: for a bad map or size, one without a lane, or tiles with one connection, which
+      InputError: for a bad size, a map without a lane, or tiles with one connection, which
         Duckietown lacks; the message names them.
     """
     check_tile_size(tile_size)
-    source = as_map(road_map)
-    check_roads(source.codes)
-    robots = [thing for thing in source.objects or () if thing.kind == "duckiebot"]
-    others = [thing for thing in source.objects or () if thing.kind != "duckiebot"]
+    check_roads(road_map.codes)
+    robots = [thing for thing in road_map.objects or () if thing.kind == "duckiebot"]
+    others = [thing for thing in road_map.objects or () if thing.kind != "duckiebot"]
     # The Gym environment drives the first robot, so a map needs one.
     if not robots:
-        robots = [_robot_on_first_lane(source)]
+        robots = [_robot_on_first_lane(road_map)]
     # Robots come first, because the index of an object is the number in its name, and the first
     # robot is `vehicle_0`.
-    source = replace(source, objects=(*robots, *others))
+    road_map = replace(road_map, objects=(*robots, *others))
 
     def frame_of_tile(i: int, j: int, yaw: float) -> _Table:
         # The Duckiematrix has the south-west corner of a tile, in tiles.
         return {"relative_to": None, "unit": "tiles", "pose": _pose(float(i), float(j), yaw)}
 
     layers = _write_layers(
-        source, float(tile_size), ROADS_OF_MATRIX, frame_of_tile, robot="vehicle"
+        road_map, float(tile_size), ROADS_OF_MATRIX, frame_of_tile, robot="vehicle"
     )
     return _texts(layers, 1.0, TURNED_AS_MATRIX)
 
@@ -133,12 +131,7 @@ def _write_layers(
       frame_of_tile: the frame of a tile from its column i, its row j from the south, and its yaw.
       robot: what the frames of robots are named after.
     """
-    # The kind of a tile and its quarter turns, by the code.
-    kinds: dict[int, tuple[str, int]] = {}
-    for kind, upright_code in roads.items():
-        for turns in range(4):
-            # A straight looks the same after half a turn. `setdefault` keeps the fewest turns.
-            kinds.setdefault(rotate_codes(upright_code, turns), (kind, turns))
+    kinds = list_turned(roads)
     rows = len(road_map.codes)
     layers: dict[str, _Table] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}

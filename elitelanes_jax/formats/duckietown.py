@@ -23,9 +23,10 @@ from elitelanes_jax.formats._duckietown_objects import read_objects, write_objec
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats._yaml_values import NOTHING
 from elitelanes_jax.formats.objects import MapObject, check_objects
-from elitelanes_jax.lanes.links import linked_tiles, side_towards
+from elitelanes_jax.lanes.links import side_towards
 from elitelanes_jax.network.checks import check_sides, known_grid
 from elitelanes_jax.network.codes import CONNECTIONS, rotate_codes
+from elitelanes_jax.network.links import cut_dead_ends, linked_neighbours
 
 TILE_SIZE = 0.585
 """The side of Duckietown's tiles in metres."""
@@ -49,15 +50,12 @@ _TURNS = {"S": 0, "E": 1, "N": 2, "W": 3}
 def _codes_of_tiles() -> dict[str, int]:
     """Returns the code of each tile that a file may name."""
     codes = {}
-    for kind, code in _ROADS.items():
+    without_road = dict.fromkeys((*GROUNDS, "calibration_tile"), 0)
+    for kind, code in (_ROADS | without_road).items():
         # A kind without a side faces east.
         codes[kind] = rotate_codes(code, _TURNS["E"])
         for side, turns in _TURNS.items():
             codes[f"{kind}/{side}"] = rotate_codes(code, turns)
-    for kind in (*GROUNDS, "calibration_tile"):
-        codes[kind] = 0
-        for side in _TURNS:
-            codes[f"{kind}/{side}"] = 0
     return codes
 
 
@@ -182,7 +180,7 @@ def _read_tiles(values: Mapping[str, Plain]) -> Int8[np.ndarray, "H W"]:
     codes = []
     for row, tiles in enumerate(rows):
         codes.append([_code_of(tile, row, column) for column, tile in enumerate(tiles)])
-    return np.array(known_grid(codes))
+    return known_grid(codes)
 
 
 def _code_of(tile: Plain, row: int, column: int) -> int:
@@ -213,16 +211,8 @@ def without_dead_ends(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
       InputError: for a bad grid.
     """
     grid = known_grid(codes)
-    # A tile with fewer than two links is removed. This may leave a neighbour with fewer than two,
-    # which is removed next.
-    links = linked_tiles(grid)
-    dead_ends = [tile for tile, neighbours in links.items() if len(neighbours) < 2]
-    while dead_ends:
-        tile = dead_ends.pop()
-        for neighbour in links.pop(tile, []):
-            links[neighbour].remove(tile)
-            if len(links[neighbour]) < 2:
-                dead_ends.append(neighbour)
+    links = linked_neighbours(grid)
+    cut_dead_ends(links)
     codes_left = np.zeros_like(grid)
     for tile, neighbours in links.items():
         codes_left[tile] = sum(side_towards(tile, neighbour).bit for neighbour in neighbours)

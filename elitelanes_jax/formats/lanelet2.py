@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._earth import to_earth
-from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
-from elitelanes_jax.formats.streets import Line, Streets
+from elitelanes_jax.formats._scene import Approach, Lanelet, Line, Scene, make_scene
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.movements import TURNS
 
 
@@ -44,12 +44,11 @@ class _Relation(NamedTuple):
     starts: Line
 
 
-def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
+def to_lanelet2(road_map: RoadMap, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a Lanelet2 map, ``.osm``.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
-        returns, or that leave the grid, are no roads.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
 
@@ -58,9 +57,9 @@ def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
       side by which they enter their tile, and the turn, such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad map, one without any road, or bad measures.
+      InputError: for a map without any road, or bad measures.
     """
-    scene = make_scene(source, streets)
+    scene = make_scene(road_map, streets)
     file = _File()
     # Lanelets are in the order of their tiles, so `groupby` collects those of each tile.
     for tile, lanelets in groupby(scene.lanelets, attrgetter("movement.node.tile")):

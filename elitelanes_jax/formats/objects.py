@@ -162,20 +162,23 @@ def base_kind(kind: str) -> str:
 
 def check_kind(kind: UserValue) -> str:
     """Returns the name of a kind of object; raises an `InputError` for an unknown one."""
-    if isinstance(kind, str) and _OTHER_KIND.fullmatch(kind):
-        name = kind.removeprefix(OTHER)
-        # Duckietown's files have the name alone, and would be read as the known kind, or as nothing.
-        if name not in OBJECT_KINDS and name.lower() != "null":
+    hint = ""
+    if isinstance(kind, str):
+        if kind in OBJECT_KINDS:
             return kind
-        raise InputError("kind", f"after {OTHER} a name that no known kind has", repr(kind))
-    if not isinstance(kind, str) or kind not in OBJECT_KINDS:
+        if _OTHER_KIND.fullmatch(kind):
+            name = kind.removeprefix(OTHER)
+            # Duckietown's files have the name alone, and would be read as the known kind, or as
+            # nothing.
+            if name not in OBJECT_KINDS and name.lower() != "null":
+                return kind
+            raise InputError("kind", f"after {OTHER} a name that no known kind has", repr(kind))
         # A misspelt kind gets a suggestion. Any other name may be meant as a kind with the prefix
         # "other:".
-        hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
-        if not hint and isinstance(kind, str) and _OTHER_KIND.fullmatch(OTHER + kind):
+        hint = suggest(kind, list(OBJECT_KINDS))
+        if not hint and _OTHER_KIND.fullmatch(OTHER + kind):
             hint = f"is it {OTHER}{kind}?"
-        raise InputError("kind", f"one of {', '.join(OBJECT_KINDS)}", shorten(repr(kind), 40), hint)
-    return kind
+    raise InputError("kind", f"one of {', '.join(OBJECT_KINDS)}", shorten(repr(kind), 40), hint)
 
 
 def nearest_view(angles: Iterable[int], angle: float) -> int:
@@ -240,13 +243,13 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     angle = _number("angle", values.get("angle", 0.0), -7, 7, "radians")
     object_height = _number("height", values.get("height", usual), lowest, highest, "metres")
     tag, static = values.get("tag"), values.get("static", True)
-    if tag is not None and not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
-        got = shorten(repr(tag), 40)
-        raise InputError("tag", f"a number of the family 36h11, 0 to {LARGEST_TAG}", got)
+    if tag is not None:
+        if not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
+            got = shorten(repr(tag), 40)
+            raise InputError("tag", f"a number of the family 36h11, 0 to {LARGEST_TAG}", got)
+        tag = int(tag)
     if not is_flag(static):
         raise InputError("static", "true or false", shorten(repr(static), 40))
-    if tag is not None:
-        tag = int(tag)
     return MapObject(kind, x, y, angle, object_height, tag, bool(static))
 
 

@@ -10,12 +10,12 @@ of 1/64 tile on tiles of less than 6.4 m.
 """
 
 import math
+from collections.abc import Iterator
 from itertools import chain, count, product
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from elitelanes_jax._util.checks import check_named, xml_name
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._beside import Place, Ways
 from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import (
@@ -27,6 +27,7 @@ from elitelanes_jax.formats._roads import (
 from elitelanes_jax.formats._scene import Approach, Lanelet, Scene, make_scene
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject, base_kind
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import Signal, is_signal, list_signals
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import Curve, lane_curves
@@ -87,7 +88,7 @@ class _End(NamedTuple):
 
 
 class _Road(NamedTuple):
-    """A road, which has no objects yet.
+    """A road.
 
     Attributes:
       attributes: its name, its number and its junction.
@@ -96,6 +97,7 @@ class _Road(NamedTuple):
       tiles: the tiles that it passes.
       lanes: the elements of its lanes.
       signals: the elements of its signals.
+      objects: the elements of its objects after their numbers, which are added last.
     """
 
     attributes: str
@@ -104,15 +106,15 @@ class _Road(NamedTuple):
     tiles: list[Cell]
     lanes: str
     signals: str
+    objects: list[str]
 
 
-def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str = "map") -> str:
+def to_opendrive(road_map: RoadMap, streets: Streets = Streets(), *, name: str = "map") -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
     Args:
-      source: a `RoadMap`, whose signs, lights and objects are written too, a grid ``[H, W]`` of
-        codes, or a file. Connections that no neighbour returns, or that leave the grid, are no
-        roads.
+      road_map: the map, whose signs, lights and objects are written too. Connections that no
+        neighbour returns, or that leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
       name: the name of the map, in the header.
@@ -124,9 +126,9 @@ def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str =
       such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad map, one without any road, bad measures, or a bad name.
+      InputError: for a map without any road, bad measures, or a bad name.
     """
-    scene = make_scene(source, streets)
+    scene = make_scene(road_map, streets)
     title = check_named("name", xml_name, name)
     # Tiles with two links are inside roads. Crossings and dead ends are nodes.
     nodes = {tile for tile, neighbours in scene.links.items() if len(neighbours) != 2}
@@ -136,7 +138,7 @@ def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str =
     # CARLA takes a number for the number of a road if a road has it. Therefore roads are numbered
     # after junctions.
     first = len(junctions) + 1
-    signals = list_signals(scene.road_map, scene.rights, paths)
+    signals = list_signals(road_map, scene.rights, paths)
     roads = [
         _road(path, number, junctions, signals, scene) for number, path in enumerate(paths, first)
     ]
@@ -166,17 +168,15 @@ def to_opendrive(source: UserValue, streets: Streets = Streets(), *, name: str =
     controllers: list[str] = []
     for tile, approaches in scene.crossings.items():
         contents[tile] += _rights(approaches, controllers, signals, connecting)
-    objects = _objects(roads, scene)
+    _place_objects(roads, scene)
     for approach in chain.from_iterable(scene.crossings.values()):
         if approach.control in ("stop", "light"):
             end = ends[approach.node]
-            stop_line = _stop_line(roads[end.road - first], end, scene)
-            objects.setdefault(end.road - first, []).append(stop_line)
+            road = roads[end.road - first]
+            road.objects.append(_stop_line(road, end, scene))
     file = ['<?xml version="1.0" encoding="UTF-8"?>', "<OpenDRIVE>", _header(title, scene)]
     numbers = count(1)
-    for index, road in enumerate(roads):
-        elements = [f'<object id="{next(numbers)}" {content}' for content in objects.get(index, ())]
-        file.append(_element(road, "".join(elements), scene))
+    file += [_element(road, numbers, scene) for road in roads]
     file += controllers
     for (row, column), junction in junctions.items():
         content = "".join(contents[row, column])
@@ -227,6 +227,7 @@ def _road(
         path,
         lanes,
         "".join(signs),
+        [],
     )
 
 
@@ -277,6 +278,7 @@ def _connecting_road(
         [movement.node.tile],
         lanes,
         references,
+        [],
     )
 
 
@@ -370,16 +372,14 @@ def _signal(signal: Signal, s: float, lane: int, scene: Scene) -> str:
     )
 
 
-def _objects(roads: list[_Road], scene: Scene) -> dict[int, list[str]]:
-    """Returns the objects of the map, without signs, lights and tags, by the index of their road."""
-    objects: dict[int, list[str]] = {}
+def _place_objects(roads: list[_Road], scene: Scene) -> None:
+    """Adds the objects of the map, without signs, lights and tags, to their roads."""
     ways = Ways([road.curves for road in roads], [road.tiles for road in roads])
     for item in scene.road_map.objects or ():
         if item.height and not is_signal(item):
             place = ways.place_beside(item.x, item.y)
             if place is not None:
-                objects.setdefault(place.way, []).append(_object_beside(item, place, scene))
-    return objects
+                roads[place.way].objects.append(_object_beside(item, place, scene))
 
 
 def _object_beside(item: MapObject, place: Place, scene: Scene) -> str:
@@ -440,8 +440,9 @@ def _lane(number: int, mark: str, scene: Scene, width: str = "", link: str = "")
     return f'<lane id="{number}" type="{kind}" level="false">{link}{width}{road_mark}{speed}</lane>'
 
 
-def _element(road: _Road, objects: str, scene: Scene) -> str:
-    """Returns the element of a road. Lengths are in metres."""
+def _element(road: _Road, numbers: Iterator[int], scene: Scene) -> str:
+    """Returns the element of a road, whose objects take the next numbers. Lengths are in metres."""
+    objects = "".join(f'<object id="{next(numbers)}" {content}' for content in road.objects)
     tile_size = scene.streets.tile_size
     plan = ""
     s = 0.0

@@ -13,19 +13,14 @@ from elitelanes_jax.formats.plan_pages import PlacedTile, Plan
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.tapes import REFERENCE, TAPE_WIDTHS, tapes_of
 from elitelanes_jax.lanes.links import ends_of_roads
-from elitelanes_jax.network.codes import rotate_codes
+from elitelanes_jax.network.codes import list_turned
 from elitelanes_jax.network.loops import gridlock_loop
 
 LONGEST_PLAN = 64
 """The longest side of maps that a plan can show, in tiles."""
 
-# The kind and the fewest quarter turns of each code. Fewer turns come later here, and override more
-# turns.
-_TILE = {
-    rotate_codes(code, turns): (kind, turns)
-    for kind, code in REFERENCE.items()
-    for turns in (3, 2, 1, 0)
-}
+# The kind and the quarter turns of each code.
+_TILE = list_turned(REFERENCE)
 
 
 @name_wrong_arguments

@@ -332,10 +332,7 @@ def _bill_of_objects(plan: Plan) -> list[str]:
     counts = Counter(item.kind for item in plan.objects)
     for kind in sorted(counts):
         words = f"{counts[kind]} x {_object_name(kind)}"
-        tags = []
-        for item in plan.objects:
-            if item.kind == kind and item.tag is not None:
-                tags.append(item.tag)
+        tags = [item.tag for item in plan.objects if item.kind == kind and item.tag is not None]
         if tags:
             words += f", tag {', '.join(map(str, sorted(tags)))}"
         lines += wrap(words, 38, subsequent_indent="      ")

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats._traffic import STEPS, Traffic, make_traffic
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.streets import Streets
 
 
@@ -47,7 +48,7 @@ class PufferDrive(NamedTuple):
 
 
 def to_pufferdrive(
-    source: UserValue, name: str, streets: Streets = Streets(), *, seed: int = 0
+    road_map: RoadMap, name: str, streets: Streets = Streets(), *, seed: int = 0
 ) -> PufferDrive:
     """Writes a map for PufferDrive; the same map gives the same files.
 
@@ -57,8 +58,7 @@ def to_pufferdrive(
     turns, and its goal is the end of the log.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
-        returns, or that leave the grid, are no roads.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       name: the name of the scenario, in the JSON.
       streets: their measures. Signs stand at all-way stops alone.
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
@@ -69,9 +69,9 @@ def to_pufferdrive(
       of the grid's south-west corner, in metres.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, or a bad seed.
+      InputError: for a map without a lane from a tile to another, or a bad seed.
     """
-    traffic = make_traffic(source, streets, seed)
+    traffic = make_traffic(road_map, streets, seed)
     return PufferDrive(_to_binary(traffic), _to_json(name, traffic))
 
 

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ from elitelanes_jax.formats.objects import MapObject, check_objects, object_valu
 from elitelanes_jax.formats.sketch import draw_svg, draw_text
 from elitelanes_jax.network.checks import check_sides, known_grid
 from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
+
+T = TypeVar("T")
 
 _FORMAT = "elitelanes map, version 1"
 
@@ -208,9 +211,7 @@ def read_map(file: str | Path) -> RoadMap:
     Raises:
       InputError: if it cannot be read, has over 32 MiB or a bad entry; the message names the file.
     """
-    # `_one_map_of` returns a list of one map.
-    (road_map,) = _read(file, _MOST_BYTES, _one_map_of)
-    return road_map
+    return refresh(_read(file, _MOST_BYTES, _map_of), str(file))
 
 
 @name_wrong_arguments
@@ -227,7 +228,10 @@ def read_maps(file: str | Path) -> list[RoadMap]:
         files = sorted(Path(file).glob("maps/*/map.json"))
         if files:
             return [read_map(one) for one in files]
-    return _read(file, _MOST_LISTED, _maps_of)
+    maps = _read(file, _MOST_LISTED, _maps_of)
+    if len(maps) == 1:
+        return [refresh(maps[0], str(file))]
+    return [refresh(road_map, f"{file}: map {index}") for index, road_map in enumerate(maps)]
 
 
 @name_wrong_arguments
@@ -327,15 +331,11 @@ def refresh(road_map: RoadMap, name: str) -> RoadMap:
     return road_map
 
 
-def _read(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]]) -> list[RoadMap]:
-    """Reads the maps of a file; of a map of Duckietown, its codes and objects."""
-    maps = _parse(file, most, parse)
-    if len(maps) == 1:
-        return [refresh(maps[0], str(file))]
-    return [refresh(road_map, f"{file}: map {index}") for index, road_map in enumerate(maps)]
+def _read(file: str | Path, most: int, parse: Callable[[Plain], T]) -> T:
+    """Reads the values of a file, at most `most` bytes, and makes maps of them by `parse`.
 
-
-def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]]) -> list[RoadMap]:
+    The values of a map of Duckietown are its codes and objects.
+    """
     suffix = check_named("file", path, file).suffix.lower()
     if suffix == ".npz":
         got = "an archive of a search; pick chooses maps from it"
@@ -393,14 +393,10 @@ def _values_of_json(text: str, suffix: str) -> Plain:
         raise InputError("", "a readable JSON file", error) from None
 
 
-def _one_map_of(values: Plain) -> list[RoadMap]:
-    return [_map_of(values)]
-
-
 def _maps_of(values: Plain) -> list[RoadMap]:
-    # Rows alone are no list of maps. `_one_map_of` says what to write instead.
+    # Rows alone are no list of maps. `_map_of` says what to write instead.
     if not isinstance(values, list) or _are_rows(values):
-        return _one_map_of(values)
+        return [_map_of(values)]
     return [check_named(f"map {index}", _map_of, item) for index, item in enumerate(values)]
 
 
@@ -437,7 +433,7 @@ def _grid(rows: Plain) -> NDArray[np.int8]:
                     raise InputError(
                         "grid", "tile codes 0 to 15", f"{got} at {describe_cell(y, x)}"
                     )
-    return np.array(known_grid(rows))
+    return known_grid(rows)
 
 
 def _are_rows(values: Plain) -> bool:

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import Plain, Untyped, UserValue
+from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Traffic, make_traffic
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.streets import Streets
 
 # MetaDrive's types of what is on a map.
@@ -38,7 +39,7 @@ _PROTOCOL = 4
 
 
 def to_scenarionet(
-    source: UserValue, name: str, streets: Streets = Streets(), *, seed: int = 0
+    road_map: RoadMap, name: str, streets: Streets = Streets(), *, seed: int = 0
 ) -> bytes:
     """Returns a scenario of ScenarioNet as a pickle; the same map gives the same bytes.
 
@@ -52,16 +53,15 @@ def to_scenarionet(
     the files of `index_scenarios`.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
-        returns, or that leave the grid, are no roads.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       name: the id of the scenario.
       streets: their measures. Signs stand at all-way stops alone.
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, or a bad seed.
+      InputError: for a map without a lane from a tile to another, or a bad seed.
     """
-    traffic = make_traffic(source, streets, seed)
+    traffic = make_traffic(road_map, streets, seed)
     steps = _steps_before_return(traffic.logs[0], streets)
     tracks: dict[str, _Track] = {}
     # A car gets the next number when it is kept, so the first one is always car 0, which MetaDrive

@@ -11,12 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax.formats._roads import arrival
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.formats.streets import Streets
-from elitelanes_jax.lanes.links import Cell, linked_tiles
+from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import LaneNode
 from elitelanes_jax.network.codes import SIDES
 
@@ -67,20 +65,13 @@ class Signal(NamedTuple):
     heading: float = 0.0
 
 
-def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
+def rights_of_way(road_map: RoadMap, links: dict[Cell, list[Cell]], usual: str) -> dict[Cell, str]:
     """Returns the right of way of each crossing.
 
-    The lights or the stop signs of a crossing decide. Without them, the right of way is that of the
-    streets.
-
-    Raises:
-      InputError: for `streets` that are not `Streets`.
+    The lights or the stop signs of a crossing decide. Without them, the right of way is the `usual`
+    one. `links` are the linked neighbours of each tile.
     """
-    check_named("streets", instance(Streets), streets)
-    rules: dict[Cell, str] = {}
-    for tile, neighbours in linked_tiles(road_map.codes).items():
-        if len(neighbours) > 2:
-            rules[tile] = streets.right_of_way
+    rules = {tile: usual for tile, neighbours in links.items() if len(neighbours) > 2}
     # In alphabetical order lights come after signs, which they overrule.
     for sign in sorted(_signs(road_map), key=lambda sign: sign.kind):
         crossing = crossing_of(sign, rules)

@@ -1,24 +1,10 @@
-"""The streets that tiles become: their measures, and the bounds of lanes in metres.
-
-Files have positions in metres, x east and y north of the grid's south-west corner. Here such a
-position is the complex number x + y·i. A lane's left bound is the middle of the road. Its right
-bound is the width of a lane beside it.
-"""
+"""The measures of the streets that tiles become."""
 
 from dataclasses import dataclass
-from typing import TypeAlias
-
-import numpy as np
-from jaxtyping import Complex128, Float
 
 from elitelanes_jax._util.checks import coordinates, one_of, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
-from elitelanes_jax.lanes.curves import lane_polyline, middle_of_side
-from elitelanes_jax.lanes.movements import BACK, Movement
-
-Line: TypeAlias = Complex128[np.ndarray, " P"]
-"""Points in metres, x + y·i."""
 
 
 @dataclass(frozen=True)
@@ -62,29 +48,3 @@ class Streets(Record):
             raise InputError(
                 "tile_size", f"more than two lanes, {2 * self.lane:g} m", f"{self.tile_size:g} m"
             )
-
-
-def to_metres(points: Float[np.ndarray, "P 2"], streets: Streets, height: int) -> Line:
-    """Converts points in tiles to metres east + north·i of the grid's south-west corner.
-
-    Points are tiles east and south of the north-west corner. `height` is the grid's number of rows.
-    """
-    return (points[:, 0] + (height - points[:, 1]) * 1j) * streets.tile_size
-
-
-def bounds(movement: Movement, streets: Streets, height: int) -> tuple[Line, Line]:
-    """Returns the left and the right bound of a movement's lane in metres.
-
-    Both bounds have the same number of points. At a dead end the left bound leads around an island,
-    a tenth of a lane wide.
-    """
-    lane = streets.lane / streets.tile_size
-    if movement.turn == BACK:
-        # The left bound starts and ends in the middle of the road. Between its ends it is the
-        # outline of the island.
-        left = lane_polyline(movement, lane / 20)
-        left[[0, -1]] = middle_of_side(movement.node.tile, (movement.heading + 2) % 4)
-    else:
-        left = lane_polyline(movement, 0.0)
-    right = lane_polyline(movement, lane)
-    return to_metres(left, streets, height), to_metres(right, streets, height)

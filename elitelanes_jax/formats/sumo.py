@@ -24,8 +24,8 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import cut_roads
 from elitelanes_jax.formats._scene import Scene, make_scene
-from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import CHORDS
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.lanes.movements import LaneNode
@@ -76,13 +76,11 @@ class Sumo(NamedTuple):
     settings: str
 
 
-def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
+def to_sumo(road_map: RoadMap, name: str, streets: Streets = Streets()) -> Sumo:
     """Writes a map for SUMO; the same map gives the same texts.
 
-    Connections that no neighbour returns, or that leave the grid, are no roads.
-
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
+      road_map: the map. Connections that no neighbour returns, or that leave the grid, are no roads.
       name: the name of the files, without their suffixes .nod.xml, .edg.xml and .con.xml, for the
         settings.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
@@ -97,25 +95,20 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
       corner, in metres.
 
     Raises:
-      InputError: for a bad map, one without any road, a bad name, or bad measures.
+      InputError: for a map without any road, a bad name, or bad measures.
     """
-    scene = make_scene(source, streets)
-    roads = _roads(scene.road_map.codes)
-    # The first tile of each road that leaves a node. A connection leads into one of these roads.
-    exits: dict[Cell, list[Cell]] = {}
-    for road in roads:
-        exits.setdefault(road[0], []).append(road[1])
+    scene = make_scene(road_map, streets)
     nodes: dict[Cell, str] = {}
     edges = []
     connections = []
-    for road in roads:
-        line = to_metres(_line(road, exits), streets, scene.rows)
+    for road in _roads(road_map.codes, scene.links):
+        line = scene.to_metres(_line(road, scene.links))
         node = road[0]
         nodes[node] = _node(node, line[0], scene.rights.get(node, "priority"), streets)
         edges.append(_edge(road, line, streets))
-        # Cars turn back only where no other road leaves the node.
-        onward = [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
-        for tile in onward:
+        # Each link of a node begins a road. Cars turn back only where no other road leaves the node.
+        onward = [tile for tile in scene.links[road[-1]] if tile != road[-2]] or [road[-2]]
+        for tile in sorted(onward):
             ends = f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], tile)}"'
             connections.append(f'{ends} fromLane="0" toLane="0"')
     return Sumo(
@@ -142,7 +135,8 @@ def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]])
       InputError: for a bad map, or a start or goal that is on no road.
     """
     edges: dict[tuple[Cell, Cell], str] = {}
-    for road in _roads(as_map(source).codes):
+    codes = as_map(source).codes
+    for road in _roads(codes, linked_tiles(codes)):
         for step in pairwise(road):
             edges[step] = _edge_id(road[0], road[1])
 
@@ -189,9 +183,8 @@ def _settings(name: str) -> str:
     return f"<configuration>\n{lines}</configuration>\n"
 
 
-def _roads(grid: Int8[np.ndarray, "H W"]) -> list[list[Cell]]:
+def _roads(grid: Int8[np.ndarray, "H W"], links: dict[Cell, list[Cell]]) -> list[list[Cell]]:
     """Lists the tiles from node to node, of each road in each direction."""
-    links = linked_tiles(grid)
     # A crossing stays a node even if no neighbour returns some of its connections.
     nodes = {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}
     roads = []
@@ -200,7 +193,7 @@ def _roads(grid: Int8[np.ndarray, "H W"]) -> list[list[Cell]]:
     return sorted(roads)
 
 
-def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, "P 2"]:
+def _line(road: list[Cell], links: dict[Cell, list[Cell]]) -> Float[np.ndarray, "P 2"]:
     """Returns x and y of the middle of a road from node to node, in tiles.
 
     Points on straight lines are left out.
@@ -210,7 +203,7 @@ def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, 
     b = -a, the line.
     """
     # The first and the last tile also need a neighbour on their other side.
-    beyond = [_beyond(road[0], road[1], exits), *road, _beyond(road[-1], road[-2], exits)]
+    beyond = [_beyond(road[0], road[1], links), *road, _beyond(road[-1], road[-2], links)]
     centres = np.array([[column + 0.5, row + 0.5] for row, column in beyond])[:, None]
     # These are the vectors from the centres of tiles to the borders between them.
     half_steps = np.diff(centres, axis=0) / 2
@@ -230,13 +223,13 @@ def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, 
     return np.asarray(line[[True, *is_bent, True]])
 
 
-def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
+def _beyond(node: Cell, neighbour: Cell, links: dict[Cell, list[Cell]]) -> Cell:
     """Returns the tile behind a node, for a road to a neighbour.
 
     This is the tile on the only other road, or otherwise the tile straight behind.
     """
-    if len(exits[node]) == 2:
-        return next(other for other in exits[node] if other != neighbour)
+    if len(links[node]) == 2:
+        return next(other for other in links[node] if other != neighbour)
     return 2 * node[0] - neighbour[0], 2 * node[1] - neighbour[1]
 
 

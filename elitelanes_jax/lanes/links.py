@@ -8,6 +8,7 @@ from jaxtyping import Int
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.network.checks import check_grid, known_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, SIDES, Side
+from elitelanes_jax.network.links import linked_neighbours
 
 Cell = tuple[int, int]
 """A cell of a grid: row and column, from the north-west corner."""
@@ -55,25 +56,12 @@ def side_towards(cell: Cell, neighbour: Cell) -> Side:
 
 
 def linked_tiles(codes: Codes) -> dict[Cell, list[Cell]]:
-    """Returns the linked neighbours of each non-empty tile, clockwise from north.
-
-    Tiles are in the order of rows.
+    """Returns the linked neighbours of each non-empty tile, see `linked_neighbours`.
 
     Raises:
       InputError: for a bad grid.
     """
-    grid = check_grid(codes)
-    # Single numbers are read faster from lists than from arrays.
-    rows = grid.tolist()
-    links = linked_codes(grid).tolist()
-    neighbours: dict[Cell, list[Cell]] = {}
-    for row, line in enumerate(rows):
-        for column, code in enumerate(line):
-            # A tile without links is listed too, with no neighbours.
-            if code:
-                sides = [side for side in SIDES if links[row][column] & side.bit]
-                neighbours[row, column] = [(row + side.down, column + side.right) for side in sides]
-    return neighbours
+    return linked_neighbours(check_grid(codes))
 
 
 def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cell]]:

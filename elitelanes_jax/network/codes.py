@@ -4,6 +4,7 @@ All constants are of NumPy. A code is ``8·N + 4·E + 2·S + 1·W`` (paper, sect
 Network Representation").
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -92,6 +93,19 @@ def rotate_codes(codes: WholeT, quarter_turns: int = 1) -> WholeT:
         # them by one bit.
         codes = (codes << 1) & 15 | codes >> 3
     return codes
+
+
+def list_turned(codes: Mapping[str, int]) -> dict[int, tuple[str, int]]:
+    """Returns for each code the kind of tile, and its fewest quarter turns counter-clockwise.
+
+    `codes` has the code of each kind without a turn.
+    """
+    turned: dict[int, tuple[str, int]] = {}
+    for kind, code in codes.items():
+        for turns in range(4):
+            # A straight looks the same after half a turn. `setdefault` keeps the fewest turns.
+            turned.setdefault(rotate_codes(code, turns), (kind, turns))
+    return turned
 
 
 def exchange_sides(codes: WholeT, one: int, other: int) -> WholeT:

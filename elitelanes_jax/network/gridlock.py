@@ -32,7 +32,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import ArrayOrRows
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.links import links_between
 from elitelanes_jax.network.records import LONGEST_TOWN
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -72,9 +72,7 @@ def gridlock_number(codes: ArrayOrRows, *, slots: int = 1) -> Int32[Array, ""]:
 @partial(jax.jit, static_argnames="slots")
 @divide_batches
 def _gridlock_number(grid: Int8[Array, "H W"], *, slots: int) -> Int32[Array, ""]:
-    east = (grid[:, :-1] & EAST > 0) & (grid[:, 1:] & WEST > 0)
-    south = (grid[:-1] & SOUTH > 0) & (grid[1:] & NORTH > 0)
-    return jnp.maximum(slots * girth(east, south) - 1, 0)
+    return jnp.maximum(slots * girth(*links_between(grid)) - 1, 0)
 
 
 def girth(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:

@@ -3,13 +3,11 @@
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import ArrayOrRows
 from elitelanes_jax.network.checks import known_grid
-from elitelanes_jax.network.codes import SIDES
-
-_Tile = tuple[int, int]
+from elitelanes_jax.network.links import Cell, linked_neighbours
 
 
 @name_wrong_arguments
-def gridlock_loop(codes: ArrayOrRows) -> list[tuple[int, int]]:
+def gridlock_loop(codes: ArrayOrRows) -> list[Cell]:
     """Returns the shortest loop of a map: the first one that robots can fill.
 
     `gridlock_number` is its number of tiles - 1, for one robot a tile.
@@ -26,17 +24,8 @@ def gridlock_loop(codes: ArrayOrRows) -> list[tuple[int, int]]:
     Raises:
       InputError: for a bad grid, or traced codes.
     """
-    rows = known_grid(codes, "codes").tolist()
-    code_of = {
-        (row, column): code for row, line in enumerate(rows) for column, code in enumerate(line)
-    }
-    links: dict[_Tile, list[_Tile]] = {tile: [] for tile in code_of}
-    for (row, column), code in code_of.items():
-        for side in SIDES:
-            other = (row + side.down, column + side.right)
-            if code & side.bit and code_of.get(other, 0) & side.opposite:
-                links[row, column].append(other)
-    loop: list[_Tile] = []
+    links = linked_neighbours(known_grid(codes, "codes"))
+    loop: list[Cell] = []
     # The first tile of a loop leads east and south. The loop's other tiles come after it.
     for first in links:
         east, south = (first[0], first[1] + 1), (first[0] + 1, first[1])
@@ -48,8 +37,8 @@ def gridlock_loop(codes: ArrayOrRows) -> list[tuple[int, int]]:
 
 
 def _close(
-    links: dict[_Tile, list[_Tile]], first: _Tile, east: _Tile, south: _Tile, most: int
-) -> list[_Tile]:
+    links: dict[Cell, list[Cell]], first: Cell, east: Cell, south: Cell, most: int
+) -> list[Cell]:
     """Returns the least of the shortest loops with a first tile and both its neighbours.
 
     There is none if these have more than `most` tiles.

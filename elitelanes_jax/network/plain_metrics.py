@@ -20,6 +20,7 @@ from elitelanes_jax.network.codes import (
     WEST,
     check_alphabet,
 )
+from elitelanes_jax.network.links import links_between
 
 _Cells = Bool[np.ndarray, "_ _"]
 
@@ -36,10 +37,8 @@ def plain_measure(
     """
     codes = known_grid(grid)
     allowed = range(16) if alphabet is None else check_alphabet(alphabet)
-    north, east = codes & NORTH > 0, codes & EAST > 0
-    south, west = codes & SOUTH > 0, codes & WEST > 0
     connections = CONNECTIONS[codes]
-    links = (east[:, :-1] & west[:, 1:], south[:-1] & north[1:])
+    links = links_between(codes)
     crossing, turn = connections >= 3, np.isin(codes, KINDS["turn"])
     # Each connection of a tile leaves the grid, is returned by the neighbour, or is a mismatch.
     returned, outward = np.zeros(codes.shape, np.int8), np.zeros(codes.shape, np.int8)
@@ -50,10 +49,10 @@ def plain_measure(
         are_crossings = link & crossing[cell] & crossing[neighbour]
         crossing_pairs += int(are_crossings.sum())
         crossing_score += int((connections[cell] + connections[neighbour])[are_crossings].sum())
-    outward[0] += north[0]
-    outward[-1] += south[-1]
-    outward[:, 0] += west[:, 0]
-    outward[:, -1] += east[:, -1]
+    outward[0] += codes[0] & NORTH > 0
+    outward[-1] += codes[-1] & SOUTH > 0
+    outward[:, 0] += codes[:, 0] & WEST > 0
+    outward[:, -1] += codes[:, -1] & EAST > 0
     along, upright = codes == EAST | WEST, codes == NORTH | SOUTH
     # The number of components follows from Euler's formula, see `elitelanes_jax.network._faces`.
     faces, bridges = _count_faces(*links)
@@ -88,20 +87,15 @@ def count_tiles(grids: Int8[np.ndarray, "_ H W"]) -> dict[str, Real[np.ndarray, 
 
     The counts are metrics of `plain_measure` that depend on single tiles and links.
     """
-    connections = CONNECTIONS[grids]
-    north, east = grids & NORTH > 0, grids & EAST > 0
-    south, west = grids & SOUTH > 0, grids & WEST > 0
-    east_links = east[..., :-1] & west[..., 1:]
-    south_links = south[..., :-1, :] & north[..., 1:, :]
-    edges = east_links.sum((1, 2)) + south_links.sum((1, 2))
+    east, south = links_between(grids)
     tiles = (grids > 0).sum((1, 2))
     return {
-        "crossings": (connections >= 3).sum((1, 2)),
+        "crossings": (CONNECTIONS[grids] >= 3).sum((1, 2)),
         "straights": np.isin(grids, KINDS["straight"]).sum((1, 2)),
         "turns": np.isin(grids, KINDS["turn"]).sum((1, 2)),
         "tiles": tiles,
         "empty_cells": grids[0].size - tiles,
-        "edges": edges,
+        "edges": east.sum((1, 2)) + south.sum((1, 2)),
         "coverage": (tiles / grids[0].size).astype(np.float32),
     }
 

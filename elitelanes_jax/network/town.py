@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Int, Int8, Int32, UInt
+from jaxtyping import Array, Bool, Int, Int8, Int32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
@@ -19,6 +19,7 @@ from elitelanes_jax.network._faces import label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
 from elitelanes_jax.network.gridlock import girth
+from elitelanes_jax.network.links import links_between
 from elitelanes_jax.network.records import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import PaddedLayout, vary_together
@@ -53,13 +54,14 @@ def measure_town(grid: ArrayOrRows, *, detour: bool = True) -> TownFeatures:
 def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
     # The four lowest bits of a traced code are read.
     grid = grid & 15
-    east = (grid[:, :-1] & EAST > 0) & (grid[:, 1:] & WEST > 0)
-    south = (grid[:-1] & SOUTH > 0) & (grid[1:] & NORTH > 0)
+    east, south = links_between(grid)
+    to_east, to_west, to_south, to_north = _ends_of_links(east, south)
+    links = to_east + to_west + to_south + to_north
     tile = grid > 0
     tiles = _count(tile)
-    areas, blocks = _block_areas(east, south)
+    areas, blocks = _block_areas(grid)
     area = areas.sum(dtype=jnp.int32)
-    lengths, streets = _street_lengths(east, south)
+    lengths, streets = _street_lengths(east, south, links)
     box, height, width = _box(tile)
     rows, columns = np.arange(grid.shape[0])[:, None], np.arange(grid.shape[1])[None]
     along = (rows == box[0]) | (rows == box[1]) | (columns == box[2]) | (columns == box[3])
@@ -89,7 +91,7 @@ def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
         adjacent_turns_per_tile=_thousandths(
             _count(turn[:, :-1] & turn[:, 1:]) + _count(turn[:-1] & turn[1:]), tiles
         ),
-        signable=_signable(tile, east, south),
+        signable=_signable(tile, links),
         gridlock_number=jnp.maximum(girth(east, south) - 1, 0),
         mean_detour=_detour(east, south) if detour else jnp.int32(0),
     )
@@ -118,30 +120,26 @@ def _thousandths(part: Int[Array, ""], whole: Int[Array, ""]) -> Int32[Array, ""
     return result.astype(jnp.int32)
 
 
-def _label_faces(
-    layout: PaddedLayout, east: Bool[Array, "H w"], south: Bool[Array, "h W"]
-) -> UInt[Array, " padded"]:
-    """Labels the faces of a grid that has these links."""
-    east, south = east.astype(jnp.int8), south.astype(jnp.int8)
-    west, north = jnp.pad(east, ((0, 0), (1, 0))) * WEST, jnp.pad(south, ((1, 0), (0, 0))) * NORTH
-    codes = (
-        jnp.pad(east, ((0, 0), (0, 1))) * EAST
-        | jnp.pad(south, ((0, 1), (0, 0))) * SOUTH
-        | west
-        | north
-    )
-    return label_faces(layout, layout.pad(codes))
-
-
-def _block_areas(
+def _ends_of_links(
     east: Bool[Array, "H w"], south: Bool[Array, "h W"]
-) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
+) -> tuple[Int8[Array, "H W"], Int8[Array, "H W"], Int8[Array, "H W"], Int8[Array, "H W"]]:
+    """Returns where links leave tiles to the east, west, south and north: 1 there, 0 elsewhere."""
+    east, south = east.astype(jnp.int8), south.astype(jnp.int8)
+    return (
+        jnp.pad(east, ((0, 0), (0, 1))),
+        jnp.pad(east, ((0, 0), (1, 0))),
+        jnp.pad(south, ((0, 1), (0, 0))),
+        jnp.pad(south, ((1, 0), (0, 0))),
+    )
+
+
+def _block_areas(grid: Int8[Array, "H W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
     """Returns the area of each inner face, and the number of inner faces.
 
     The area is 0 for a label without a face.
     """
-    layout = PaddedLayout(east.shape[0], south.shape[1])
-    labels = _label_faces(layout, east, south)
+    layout = PaddedLayout(*grid.shape)
+    labels = label_faces(layout, layout.pad(grid))
     # The area of a block is its number of corners. The outer face, which is the first one, is no
     # block.
     areas = jnp.zeros(labels.size, jnp.int32).at[labels].add(1)[1:]
@@ -149,16 +147,13 @@ def _block_areas(
 
 
 def _street_lengths(
-    east: Bool[Array, "H w"], south: Bool[Array, "h W"]
+    east: Bool[Array, "H w"], south: Bool[Array, "h W"], links: Int8[Array, "H W"]
 ) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
     """Returns the number of links of each street, and the number of streets.
 
-    The number of links is 0 for a label without a street.
+    The number of links is 0 for a label without a street. `links` are those of each tile.
     """
-    height, width = east.shape[0], south.shape[1]
-    to_east, to_south = east.astype(jnp.int8), south.astype(jnp.int8)
-    links = jnp.zeros((height, width), jnp.int8).at[:, :-1].add(to_east).at[:, 1:].add(to_east)
-    links = links.at[:-1].add(to_south).at[1:].add(to_south)
+    height, width = links.shape
     passed = links == 2
     # Tiles that a road passes through are the corners of a larger grid, with walls where no road
     # continues. A street is a face of this grid.
@@ -167,7 +162,9 @@ def _street_lengths(
     upright = jnp.pad(
         ~(east & passed[:, :-1] & passed[:, 1:]), ((0, 0), (1, 1)), constant_values=True
     )
-    labels = _label_faces(layout, across, upright)
+    to_east, to_west, to_south, to_north = _ends_of_links(across, upright)
+    codes = to_east * EAST | to_west * WEST | to_south * SOUTH | to_north * NORTH
+    labels = label_faces(layout, layout.pad(codes))
     street = layout.unpad(layout.here(labels))[:height, :width]
     # Half of each link is counted at either end, in the street of the tile there. If only one end
     # is a tile that a road passes through, its street gets the other half too. A link between two
@@ -253,17 +250,12 @@ def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
     return _count(tile & (same.sum(axis=1) > 1))
 
 
-def _signable(
-    tile: Bool[Array, "H W"], east: Bool[Array, "H w"], south: Bool[Array, "h W"]
-) -> Int32[Array, ""]:
+def _signable(tile: Bool[Array, "H W"], links: Int8[Array, "H W"]) -> Int32[Array, ""]:
     """Returns the part of the crossings without a road at a corner, in thousandths.
 
     A crossing is a tile with three or four links, because links are what signs are placed by.
     """
     height, width = tile.shape
-    east, south = east.astype(jnp.int8), south.astype(jnp.int8)
-    links = jnp.pad(east, ((0, 0), (0, 1))) + jnp.pad(east, ((0, 0), (1, 0)))
-    links += jnp.pad(south, ((0, 1), (0, 0))) + jnp.pad(south, ((1, 0), (0, 0)))
     around = jnp.pad(tile, 1)
     corners = [
         around[1 + down : 1 + down + height, 1 + right : 1 + right + width]

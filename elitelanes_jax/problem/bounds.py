@@ -7,6 +7,7 @@ value inside need not occur.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from functools import lru_cache
@@ -43,6 +44,9 @@ _LEAST_OF_TWOS = {"gridlock_number": 3, "adjacent_crossings": 2}
 
 # Without any of these, straight roads lead away from each crossing, and have no roads beside them.
 _BESIDE_CROSSINGS = ("crowded_crossings", "unlinked_neighbours")
+
+# The name of a term without a metric.
+_NUMBER = ""
 
 # These facts hold for the metrics of all repaired grids. AREA is the number of cells, INNER the
 # number of cells that are not on the border, and PAIRS the number of pairs of neighbours. LONGEST
@@ -193,12 +197,8 @@ def find_bounds(shape: tuple[int, int], certain: Mapping[str, int]) -> FeatureBo
     # An inventory counts crossings by their number of sides, which no metric does.
     largest = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), prod(shape))
     intervals = {name: (0, most) for name, most in largest.items()}
-    bounds = FeatureBounds(shape, intervals, tuple(_inequalities(shape)))
-    for name, value in certain.items():
-        bounds = _with_inequalities(
-            bounds, [_Inequality({name: 1}, value), _at_most({name: 1}, value)]
-        )
-    return _narrowed(bounds)
+    intervals |= {name: (value, value) for name, value in certain.items()}
+    return _narrowed(FeatureBounds(shape, intervals, tuple(_inequalities(shape))))
 
 
 def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> None:
@@ -271,12 +271,9 @@ def _least_tiles(where: Iterable[Range], shape: tuple[int, int]) -> list[_Inequa
 def _check_range(item: Range, bounds: FeatureBounds, maps: str, *, asks_for_gaps: bool) -> None:
     """Checks that a range and the bounds of its feature have a value in common."""
     low, high = bounds.of(item.name)
-    is_above = item.low is not None and item.low > high
-    is_below = item.high is not None and item.high < low
     first = low if item.low is None else max(low, item.low)
     last = high if item.high is None else min(high, item.high)
-    is_between_values = item.name in _LEAST_OF_TWOS and _next_value(item.name, first) > last
-    if not is_above and not is_below and not is_between_values:
+    if _next_value(item.name, first) <= last:
         return
     limits = f"{_format(low)}..{_format(high)}"
     if low == high:
@@ -323,19 +320,16 @@ def check_feasible(
     Some contradictions are missed. `filled` says whether every free cell has a road. The
     `InputError` states the bound.
     """
-    lacking_kinds: list[str] = []
     where = tuple(where)
-    if alphabet is not None:
-        alphabet = codes = set(alphabet)
-        # The first row with roads begins and ends with a turn, because its ends have no tiles
-        # beside and above them. So does the last row: every map has all four turns.
-        missing_turns = set(KINDS["turn"]) - codes
-        if missing_turns:
-            expected = f"the turns {KINDS['turn']}, which every map has"
-            raise InputError("alphabet", expected, f"no {min(missing_turns)}")
-        lacking_kinds = [kind for kind in COUNTED if codes.isdisjoint(KINDS[kind])]
+    codes = set(range(16) if alphabet is None else alphabet)
+    # The first row with roads begins and ends with a turn, because its ends have no tiles beside
+    # and above them. So does the last row: every map has all four turns.
+    missing_turns = set(KINDS["turn"]) - codes
+    if missing_turns:
+        expected = f"the turns {KINDS['turn']}, which every map has"
+        raise InputError("alphabet", expected, f"no {min(missing_turns)}")
     if fix is not None:
-        _check_fixed(fix, rules, range(16) if alphabet is None else alphabet)
+        _check_fixed(fix, rules, codes)
         _check_fixed_counts(fix, where)
         check_connectable(fix, filled)
     if where:
@@ -344,8 +338,8 @@ def check_feasible(
         certain = {name: value for name, value, _ in constraints}
         maps = f"maps of {shape[0]} x {shape[1]} tiles"
         # A kind that the alphabet lacks has no tile on any map.
-        for kind in lacking_kinds:
-            certain[COUNTED[kind]] = 0
+        lacking_kinds = [kind for kind in COUNTED if codes.isdisjoint(KINDS[kind])]
+        certain |= {COUNTED[kind]: 0 for kind in lacking_kinds}
         if lacking_kinds:
             maps += f" without {' and '.join(lacking_kinds)}"
         if rules is not None and (min(shape) < 3 or max(shape) < 5):
@@ -412,14 +406,10 @@ def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
     inequalities = []
     for fact in _FACTS:
         left, relation, right = re.split(" (=|>=|<=) ", fact)
-        factors: dict[str, int] = {}
-        least = 0
-        # Metrics move to the left of >=, and numbers to the right.
-        for side, sign in ((left, 1), (right, -1)):
-            side_factors, number = _read_sum(side, constants)
-            for name, factor in side_factors.items():
-                factors[name] = factors.get(name, 0) + sign * factor
-            least -= sign * number
+        factors = _read_sum(left, constants)
+        factors.subtract(_read_sum(right, constants))
+        # Metrics are on the left of >=, and numbers move to the right.
+        least = -factors.pop(_NUMBER, 0)
         if relation == ">=":
             inequalities.append(_Inequality(factors, least))
         elif relation == "<=":
@@ -429,14 +419,16 @@ def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
     return inequalities
 
 
-def _read_sum(text: str, constants: Mapping[str, int]) -> tuple[dict[str, int], int]:
-    """Reads a sum of metrics times their factors, and of numbers."""
-    factors: dict[str, int] = {}
-    number = 0
+def _read_sum(text: str, constants: Mapping[str, int]) -> Counter[str]:
+    """Reads a sum of metrics times their factors, and of numbers.
+
+    Returns the factor of each metric by name, and the sum of the numbers by `_NUMBER`.
+    """
+    factors: Counter[str] = Counter()
     # A term such as "2 edges" or "AREA components" is a product of words, with a metric at the end.
     for operator, term in re.findall(r"([+-]?) ?([\w ]*\w)", text):
         factor = -1 if operator == "-" else 1
-        metric = None
+        metric = _NUMBER
         for word in term.split():
             if word in constants:
                 factor *= constants[word]
@@ -444,11 +436,8 @@ def _read_sum(text: str, constants: Mapping[str, int]) -> tuple[dict[str, int], 
                 factor *= int(word)
             else:
                 metric = word
-        if metric is None:
-            number += factor
-        else:
-            factors[metric] = factor
-    return factors, number
+        factors[metric] += factor
+    return factors
 
 
 def _at_most(factors: Mapping[str, int], most: int) -> _Inequality:

@@ -234,12 +234,7 @@ def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
     source = f"axes {value!r}" if isinstance(value, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
     # JSON takes no numbers of NumPy.
-    axis = axis._replace(
-        bins=_to_python(axis.bins),
-        width=_to_python(axis.width),
-        start=_to_python(axis.start),
-        target=_to_python(axis.target),
-    )
+    axis = Axis._make(map(_to_python, axis))
     _check_numbers(source, axis)
     return axis
 
@@ -257,13 +252,8 @@ def _check_numbers(source: str, axis: Axis) -> None:
     # Comparisons come after this, because a field of a record may be of any type.
     are_whole = is_whole(bins) and is_whole(width) and is_whole(start)
     if not are_whole or bins < 1 or width < 0:
-        got = ", ".join(
-            [
-                f"bins {shorten(repr(bins))}",
-                f"width {shorten(repr(width))}",
-                f"start {shorten(repr(start))}",
-            ]
-        )
+        numbers = {"bins": bins, "width": width, "start": start}
+        got = ", ".join(f"{name} {shorten(repr(number))}" for name, number in numbers.items())
         expected = "whole numbers, at least one bin and no negative width"
         raise InputError(source, expected, got)
     largest = max(abs(bins), abs(width), abs(start))

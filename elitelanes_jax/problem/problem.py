@@ -99,11 +99,10 @@ class Problem:
         names = tuple(check_named("feature_names", listed(str), self.feature_names))
         check_unique("feature_names", "name", names)
         check_named("evaluate", function, self.evaluate)
-        check_named("repair", none_or(function), self.repair)
-        check_named("penalties", none_or(function), self.penalties)
         # A repair is called with and without a dirty mask.
         check_named("repair", none_or(function_of("grid", "dirty", raster=False)), self.repair)
         check_named("repair", none_or(function_of("grid", raster=False)), self.repair)
+        check_named("penalties", none_or(function), self.penalties)
         check_named("initial", none_or(_check_initial), self.initial, shape)
         check_named("fill", flag, self.fill)
         check_named("fixed", none_or(_check_fixed), self.fixed, shape)

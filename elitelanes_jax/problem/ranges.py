@@ -191,12 +191,8 @@ def satisfies(
 def _read_range(item: UserValue, features: Collection[str] | None) -> Range:
     if isinstance(item, Range):
         return _range(f"where {str(item)!r}", item.name, (item.low, item.high), features)
-    return _parse(item, features)
-
-
-def _parse(text: UserValue, features: Collection[str] | None) -> Range:
-    source = f"where {text!r}"
-    name, _, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
+    source = f"where {item!r}"
+    name, _, limits = item.partition("=") if isinstance(item, str) else ("", "", "")
     if not limits.strip():
         raise InputError(source, "NAME=LOW..HIGH, such as crossings=6..10")
     return _range(source, name.strip(), limits.strip(), features)

@@ -10,6 +10,7 @@ import pytest
 
 from elitelanes_jax import RoadMap, measure, read_map
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.road_map import map_to_json as map_json
 from elitelanes_jax.formats.sketch import draw_text
 from elitelanes_jax.formats.streets import Streets
@@ -82,7 +83,7 @@ def test_sumo_has_four_files_for_each_map(maps, tmp_path):
         f"{number}.{kind}" for number in ("0000", "0001") for kind in kinds
     )
     texts = tuple((out / f"0001.{kind}").read_text() for kind in kinds)
-    assert texts == to_sumo(GRID, "0001", Streets(0.585, 0.222, 0.3, "right_before_left"))
+    assert texts == to_sumo(as_map(GRID), "0001", Streets(0.585, 0.222, 0.3, "right_before_left"))
 
 
 @pytest.mark.parametrize(

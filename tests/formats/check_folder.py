@@ -20,6 +20,7 @@ from sumo_drive import convert, drive, read
 from elitelanes_jax import read_map
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.network import canonical_form
 
@@ -27,7 +28,7 @@ from elitelanes_jax.network import canonical_form
 def check_drive(grid, folder):
     """Whether all cars arrive, without a word from SUMO."""
     net = folder / "town.net.xml"
-    _, edges, connections = read(to_sumo(grid, "town"))
+    _, edges, connections = read(to_sumo(as_map(grid), "town"))
     assert convert(net, grid) == []
     vehicles = max(20, len(edges))
     assert drive(net, connections, folder, 0, vehicles) == (vehicles, "")

@@ -17,6 +17,7 @@ from elitelanes_jax.formats.commonroad import to_commonroad
 from elitelanes_jax.formats.lanelet2 import to_lanelet2
 from elitelanes_jax.formats.opendrive import to_opendrive
 from elitelanes_jax.formats.pufferdrive import to_pufferdrive
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.scenarionet import to_scenarionet
 from elitelanes_jax.formats.sumo import to_sumo
 
@@ -341,31 +342,37 @@ def points_of_scenarionet(made):
 
 NETWORKS = {
     "opendrive": Format(
-        to_opendrive, controls_of_opendrive, points_of_opendrive, ("allway_stop", "traffic_light", "priority")
+        lambda source, *streets: to_opendrive(as_map(source), *streets),
+        controls_of_opendrive,
+        points_of_opendrive,
+        ("allway_stop", "traffic_light", "priority"),
     ),
     "lanelet2": Format(
-        to_lanelet2, controls_of_lanelet2, points_of_lanelet2, ("allway_stop", "traffic_light", "priority")
+        lambda source, *streets: to_lanelet2(as_map(source), *streets),
+        controls_of_lanelet2,
+        points_of_lanelet2,
+        ("allway_stop", "traffic_light", "priority"),
     ),
     "commonroad": Format(
-        to_commonroad,
+        lambda source, *streets: to_commonroad(as_map(source), *streets),
         controls_of_commonroad,
         points_of_commonroad,
         ("allway_stop", "traffic_light", "priority", "right_before_left"),
     ),
     "sumo": Format(
-        lambda source, *streets: to_sumo(source, "city", *streets),
+        lambda source, *streets: to_sumo(as_map(source), "city", *streets),
         controls_of_sumo,
         points_of_sumo,
         ("allway_stop", "traffic_light", "priority", "right_before_left"),
     ),
     "pufferdrive": Format(
-        lambda source, *streets: to_pufferdrive(source, "city", *streets),
+        lambda source, *streets: to_pufferdrive(as_map(source), "city", *streets),
         controls_of_pufferdrive,
         points_of_pufferdrive,
         ("allway_stop",),
     ),
     "scenarionet": Format(
-        lambda source, *streets: to_scenarionet(source, "city", *streets),
+        lambda source, *streets: to_scenarionet(as_map(source), "city", *streets),
         controls_of_scenarionet,
         points_of_scenarionet,
         ("allway_stop",),

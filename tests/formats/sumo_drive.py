@@ -9,6 +9,7 @@ from pathlib import Path
 import networkx as nx
 import pytest
 
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.maps.exporting import FORMATS
 
@@ -40,7 +41,7 @@ def run(program, *arguments):
 def convert(net, codes, **streets):
     """Makes a network by netconvert; returns its warnings."""
     name = net.name.removesuffix(".net.xml")
-    for suffix, text in zip(FORMATS["sumo"].suffixes, to_sumo(codes, name, **streets), strict=True):
+    for suffix, text in zip(FORMATS["sumo"].suffixes, to_sumo(as_map(codes), name, **streets), strict=True):
         net.with_name(name + suffix).write_text(text, encoding="utf-8")
     said = run("netconvert", "-c", net.with_name(f"{name}.netccfg"))
     return [line for line in said.splitlines() if line.startswith("Warning")]

@@ -13,6 +13,7 @@ from oracle import road_graph
 from simulator_maps import BATCHES, distances, lane_graph, maps, on_any_roads
 
 from elitelanes_jax.formats.commonroad import to_commonroad
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.streets import Streets
 
 OWN_ENVIRONMENT = Path(__file__).parents[2] / ".venv-commonroad" / "bin" / "python"
@@ -21,7 +22,7 @@ OWN_ENVIRONMENT = Path(__file__).parents[2] / ".venv-commonroad" / "bin" / "pyth
 @on_any_roads
 def test_lanelets_are_the_movements(grid):
     streets = Streets()
-    root = ET.fromstring(to_commonroad(grid, streets))
+    root = ET.fromstring(to_commonroad(as_map(grid), streets))
     graph = lane_graph(grid)
     lanes = numbered(graph)
     numbers = {lane: number for number, lane in lanes.items()}

@@ -17,6 +17,7 @@ from elitelanes_jax import InputError, RoadMap, read_map
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, as_maps, without_dead_ends
 from elitelanes_jax.formats.dt_maps import to_dt_maps, to_duckiematrix
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure
 from elitelanes_jax.network.codes import ROAD_ALPHABET
@@ -26,7 +27,7 @@ BOMB = "[" + ", ".join(["&b0 [x, x]", *(f"&b{i} [*b{i - 1}, *b{i - 1}]" for i in
 
 
 def write(folder, road_map, **settings):
-    for name, text in to_dt_maps(road_map, **settings).items():
+    for name, text in to_dt_maps(as_map(road_map), **settings).items():
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
 
 
@@ -45,7 +46,7 @@ def test_all_tiles_and_kinds_are_read_as_they_are_written(tmp_path):
 @pytest.mark.parametrize(("convert", "codes"), [(to_dt_maps, [[9, 6]]), (to_duckiematrix, [[3, 6, 5, 5]])])
 def test_tiles_with_the_line_ends_of_windows_are_turned_as_they_say(tmp_path, convert, codes):
     """Turned the other way, these maps have fewer loose ends."""
-    for name, text in convert(codes).items():
+    for name, text in convert(as_map(codes)).items():
         (tmp_path / f"{name}.yaml").write_bytes(text.replace("\n", "\r\n").encode())
     assert read_map(tmp_path).codes.tolist() == codes
 

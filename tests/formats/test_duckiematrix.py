@@ -17,6 +17,7 @@ from elitelanes_jax import RoadMap, read_map
 from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.formats import MapObject, without_dead_ends
 from elitelanes_jax.formats.dt_maps import to_duckiematrix
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.lanes.curves import lane_curves
 from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.network.codes import ROAD_ALPHABET, SIDES
@@ -38,7 +39,7 @@ def code_of(kind, yaw):
 
 def write(folder, road_map):
     folder.mkdir(exist_ok=True)
-    for name, text in to_duckiematrix(road_map).items():
+    for name, text in to_duckiematrix(as_map(road_map)).items():
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
     return folder
 
@@ -84,7 +85,7 @@ def test_robots_are_vehicles_from_0_on(tmp_path):
 
 def test_maps_without_lanes_are_refused():
     with refused("grid", "none", expected="lane"):
-        to_duckiematrix([[0, 0], [0, 0]])
+        to_duckiematrix(as_map([[0, 0], [0, 0]]))
 
 
 # From here on by Duckietown's own reader: make duckietown-sdk.

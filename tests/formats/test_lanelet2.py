@@ -15,6 +15,7 @@ from simulator_maps import BATCHES, BLOCK, distances, lane_graph, maps, name, on
 from elitelanes_jax._util.checks import coordinates
 from elitelanes_jax.formats._earth import plane_of, to_earth
 from elitelanes_jax.formats.lanelet2 import to_lanelet2
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.streets import Streets
 
 
@@ -30,7 +31,7 @@ def directed(nodes, bound, lane, grid, streets, left):
 @on_any_roads
 def test_lanelets_join_as_movements_do(grid):
     streets = Streets()
-    lanelets, _, nodes = read_lanelet2(to_lanelet2(grid, streets))
+    lanelets, _, nodes = read_lanelet2(to_lanelet2(as_map(grid), streets))
     graph = lane_graph(grid)
     assert lanelets.keys() == {name(lane) for lane in graph}
     ends = {}
@@ -48,7 +49,7 @@ def test_lanelets_join_as_movements_do(grid):
 
 def test_lights_stand_beyond_the_right_end_of_their_stop_lines():
     """The other end of a stop line is the road's middle: of its ends the one nearer to the crossing."""
-    text = to_lanelet2([[6, 3, 0], [12, 15, 3], [0, 12, 9]], Streets(right_of_way="traffic_light"))
+    text = to_lanelet2(as_map([[6, 3, 0], [12, 15, 3], [0, 12, 9]]), Streets(right_of_way="traffic_light"))
     _, rules, nodes = read_lanelet2(text)
     ways = {way.get("id"): [nodes[nd.get("ref")] for nd in way.iter("nd")] for way in ET.fromstring(text).iter("way")}
     crossing = (1.5 + 1.5j) * Streets().tile_size
@@ -63,7 +64,7 @@ def test_lights_stand_beyond_the_right_end_of_their_stop_lines():
 
 def test_tags_are_those_that_autoware_asks_for():
     """Of a road, with a number for its speed; the turn on crossings; and a rule for each stop line."""
-    text = to_lanelet2(BLOCK, Streets(speed=5))
+    text = to_lanelet2(as_map(BLOCK), Streets(speed=5))
     root = ET.fromstring(text)
     lanelets, rules, _ = read_lanelet2(text)
     ruled = {ref for _, members in rules.values() for _, ref in members}

@@ -120,7 +120,10 @@ def test_objects_as_far_outside_as_they_may_be_are_read_where_they_are_written(k
     places = [(x, y, angle) for x in (-1, 0, 3) for y in (-1, 0, 4) for angle in (0, 1, -2, 3)]
     far = RoadMap([[6, 3], [10, 10], [12, 9]], objects=[MapObject(kind, *place, 0.18) for place in places])
     (tmp_path / "map.yaml").write_text(to_duckietown(far.codes, objects=far.objects, tile_size=tile_size))
-    layers = {"library": to_dt_maps(far, tile_size=tile_size), "matrix": to_duckiematrix(far, tile_size=tile_size)}
+    layers = {
+        "library": to_dt_maps(far, tile_size=tile_size),
+        "matrix": to_duckiematrix(far, tile_size=tile_size),
+    }
     for folder, texts in layers.items():
         (tmp_path / folder).mkdir()
         for name, text in texts.items():

@@ -9,6 +9,7 @@ from simulator_maps import draw, lane_graph
 from sumo_drive import read
 
 from elitelanes_jax.formats.opendrive import to_opendrive
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.scenarionet import index_scenarios, to_scenarionet
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.formats.sumo import to_sumo
@@ -34,11 +35,11 @@ def test_metadrive_loads_towns_steps_and_its_drivers_reach_their_goals(tmp_path)
     expected = {}
     for number in range(TOWNS):
         grid, name = draw(3 * number + 2), str(number)
-        plain = to_sumo(grid, name)
+        plain = to_sumo(as_map(grid), name)
         for suffix, text in zip(FORMATS["sumo"].suffixes, plain, strict=True):
             (tmp_path / f"{name}{suffix}").write_text(text)
         subprocess.run([PROGRAMS / "netconvert", "-c", tmp_path / f"{name}.netccfg"], check=True, capture_output=True)
-        roads = to_opendrive(grid)
+        roads = to_opendrive(as_map(grid))
         (tmp_path / f"{name}.xodr").write_text(roads)
         expected[name] = {f"{edge}_0" for edge in read(plain)[1]}, roads.count("<road ")
     # Cars drive in the smallest towns, because a step takes longer in larger ones.

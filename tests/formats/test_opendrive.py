@@ -25,6 +25,7 @@ from simulator_maps import (
 
 from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.formats.opendrive import to_opendrive
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.network import codes
@@ -71,7 +72,7 @@ def lane_links(root, grid):
 
 @on_any_roads
 def test_roads_and_their_links_are_those_of_the_tiles(grid):
-    root = ET.fromstring(to_opendrive(grid))
+    root = ET.fromstring(to_opendrive(as_map(grid)))
     expected, _ = lane_links(root, grid)
     assert all_reach_all(expected, grid)
     poses = {road.get("id"): ends_of(road) for road in root.iter("road")}
@@ -121,7 +122,7 @@ each_map = pytest.mark.parametrize("road_map", KINDS_OF_MAPS.values(), ids=KINDS
 def test_roads_have_what_strict_and_plain_readers_ask_for(road_map, streets):
     """py123d asks for an elevation and a lane offset, and maliput for no value without a unit. tactics2d asks for the
     speed of lanes and rules of lane changes. maliput and Scenic take roads under 0.05 m for points."""
-    root = ET.fromstring(to_opendrive(road_map, streets, name="a & b"))
+    root = ET.fromstring(to_opendrive(as_map(road_map), streets, name="a & b"))
     assert root.find("header").get("name") == "a & b"
     for road in root.iter("road"):
         assert road.find("elevationProfile/elevation").attrib == {"s": "0", **dict.fromkeys("abcd", "0")}
@@ -138,7 +139,7 @@ def test_roads_have_what_strict_and_plain_readers_ask_for(road_map, streets):
 @each_map
 def test_connecting_roads_refer_to_the_signals_of_their_approach(road_map):
     """Each stop sign and light is read again on each way that its drivers may take, where its lane starts."""
-    text = to_opendrive(road_map)
+    text = to_opendrive(as_map(road_map))
     root, found = ET.fromstring(text), signals_of(text)
     kinds = {one.get("id"): one.get("name") for one in root.iter("signal")}
     for road in root.iter("road"):
@@ -167,7 +168,7 @@ def test_lengths_of_long_roads_add_up(streets):
         steps = [(row - tile[0], column - tile[1]) for row, column in others]
         grid[tile] = sum(side.bit for side in codes.SIDES if (side.down, side.right) in steps)
     longest = 0.0
-    for road in ET.fromstring(to_opendrive(grid, streets)).iter("road"):
+    for road in ET.fromstring(to_opendrive(as_map(grid), streets)).iter("road"):
         curves = road.findall("planView/geometry")
         ends = np.array([float(curve.get("s")) + float(curve.get("length")) for curve in curves])
         starts = np.array([*(float(curve.get("s")) for curve in curves[1:]), float(road.get("length"))])
@@ -187,7 +188,7 @@ def cubic(records, s):
 @pytest.mark.parametrize("streets", [Streets(), DUCKIETOWN])
 def test_both_edges_of_lanes_are_lines(road_map, streets):
     """At a dead end too, where the inner edge leads around an island; both edges meet those of the road."""
-    for road in ET.fromstring(to_opendrive(road_map, streets)).iter("road"):
+    for road in ET.fromstring(to_opendrive(as_map(road_map), streets)).iter("road"):
         length = float(road.get("length"))
         for lane in road.findall("lanes/laneSection/right/lane"):
             edges = []
@@ -206,7 +207,7 @@ def test_both_edges_of_lanes_are_lines(road_map, streets):
 @pytest.mark.parametrize("kind", ["stops", "lights"])
 def test_objects_and_stop_lines_are_where_the_map_has_them(kind):
     road_map, streets = KINDS_OF_MAPS[kind], Streets()
-    root = ET.fromstring(to_opendrive(road_map, streets))
+    root = ET.fromstring(to_opendrive(as_map(road_map), streets))
     found, lines = Counter(), 0
     for road in root.iter("road"):
         for one in road.iter("object"):

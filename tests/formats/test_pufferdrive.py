@@ -15,9 +15,11 @@ import pytest
 from refusals import refused
 
 from elitelanes_jax.formats import RoadMap, read_map
+from elitelanes_jax.formats._scene import make_scene
 from elitelanes_jax.formats._traffic import AGENTS
 from elitelanes_jax.formats.pufferdrive import to_pufferdrive
-from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.formats.road_map import as_map
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import lane_polyline
 from elitelanes_jax.lanes.movements import BACK, lane_graph
 from elitelanes_jax.network.growth import grow_town
@@ -96,13 +98,13 @@ def links_by_geometry(lanes):
 
 @pytest.mark.parametrize("grid", GRIDS)
 def test_lanes_are_our_movements_and_join_as_they_do(grid):
-    streets = Streets()
-    _, roads = read_binary(to_pufferdrive(grid, "map").binary)
+    scene = make_scene(as_map(grid), Streets())
+    _, roads = read_binary(to_pufferdrive(as_map(grid), "map").binary)
     graph = lane_graph(np.array(grid), turn_back=True)
     lanes = [road for road in roads if road.kind == LANE]
     assert [road.number for road in roads] == list(range(len(roads)))
     for lane, movement in zip(lanes, graph.list_movements(), strict=True):
-        centre = to_metres(lane_polyline(movement, 1.6 / 30), streets, len(grid))
+        centre = scene.to_metres(lane_polyline(movement, 1.6 / 30))
         for point, expected in ((lane.points[0], centre[0]), (lane.points[-1], centre[-1])):
             np.testing.assert_allclose(point, [expected.real, expected.imag], atol=1e-4)
         # A half circle has 32 chords in the polyline, and 16 in PufferDrive's lane.
@@ -135,7 +137,7 @@ def outline(car, step):
 
 @pytest.mark.parametrize("grid", GRIDS)
 def test_cars_start_on_the_road_apart_from_each_other_and_follow_lanes(grid):
-    cars, roads = read_binary(to_pufferdrive(grid, "map", seed=3).binary)
+    cars, roads = read_binary(to_pufferdrive(as_map(grid), "map", seed=3).binary)
     edges = [road.points.astype(float) for road in roads if road.kind == EDGE]
     lanes = np.concatenate([road.points for road in roads if road.kind == LANE])
     assert 0 < len(cars) <= AGENTS
@@ -150,7 +152,7 @@ def test_cars_start_on_the_road_apart_from_each_other_and_follow_lanes(grid):
 
 
 def test_edges_lie_where_a_lane_ends_and_signs_before_crossings():
-    _, roads = read_binary(to_pufferdrive(EIGHT, "map").binary)
+    _, roads = read_binary(to_pufferdrive(as_map(EIGHT), "map").binary)
     counts = {kind: sum(road.kind == kind for road in roads) for kind in (LANE, LINE, EDGE, STOP_SIGN)}
     # Six turns with two lanes, and a crossing with twelve; one line a turn, and one edge from each side of each tile.
     assert counts == {LANE: 24, LINE: 6, EDGE: 16, STOP_SIGN: 4}
@@ -158,7 +160,7 @@ def test_edges_lie_where_a_lane_ends_and_signs_before_crossings():
 
 @pytest.mark.parametrize("grid", [EIGHT, DEAD_ENDS])
 def test_the_text_says_the_same_and_the_links(grid):
-    made = to_pufferdrive(grid, "name")
+    made = to_pufferdrive(as_map(grid), "name")
     cars, roads = read_binary(made.binary)
     content = json.loads(made.text)
     assert content["scenario_id"] == "name"
@@ -174,13 +176,13 @@ def test_the_text_says_the_same_and_the_links(grid):
 
 def test_other_seeds_have_other_cars():
     town = read_map("docs/examples/town.json")
-    others = read_binary(to_pufferdrive(town, "town", seed=1).binary)[0]
-    cars = read_binary(to_pufferdrive(town, "town").binary)[0]
+    others = read_binary(to_pufferdrive(as_map(town), "town", seed=1).binary)[0]
+    cars = read_binary(to_pufferdrive(as_map(town), "town").binary)[0]
     assert any((car.points != other.points).any() for car, other in zip(cars, others, strict=True))
 
 
 def test_no_car_starts_where_it_turns_back():
-    cars, _ = read_binary(to_pufferdrive(DEAD_ENDS, "map").binary)
+    cars, _ = read_binary(to_pufferdrive(as_map(DEAD_ENDS), "map").binary)
     graph = lane_graph(np.array(DEAD_ENDS), turn_back=True)
     tiles = {movement.node.tile for movement in graph.list_movements() if movement.turn != BACK}
     starts = {(int(3 - car.points[0, 1] / 30), int(car.points[0, 0] / 30)) for car in cars}
@@ -215,7 +217,7 @@ def test_pufferdrive_joins_our_lanes_and_no_car_starts_off_the_road(tmp_path):
         files = []
         for seed in range(SEEDS):
             files.append(tmp_path / f"{seed}.bin")
-            files[-1].write_bytes(to_pufferdrive(town, "town", seed=seed).binary)
+            files[-1].write_bytes(to_pufferdrive(as_map(town), "town", seed=seed).binary)
         done = subprocess.run([PROGRAM, str(STEPS), *files], check=True, capture_output=True, text=True)
         lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"links"')]
         successors = lane_graph(town, turn_back=True).list_successors()

@@ -11,9 +11,11 @@ from refusals import refused
 
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import RoadMap, read_map
+from elitelanes_jax.formats._scene import make_scene
 from elitelanes_jax.formats._traffic import CarSides, Log
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.scenarionet import _track, _without_touching, index_scenarios, to_scenarionet
-from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import lane_polyline
 from elitelanes_jax.lanes.movements import lane_graph
 
@@ -27,8 +29,8 @@ def random_grid(seed, side=6):
     return np.random.default_rng(seed).integers(0, 16, (side, side)).astype(np.int8)
 
 
-def read(*arguments, **options):
-    return pickle.loads(to_scenarionet(*arguments, **options))
+def read(source, *arguments, **options):
+    return pickle.loads(to_scenarionet(as_map(source), *arguments, **options))
 
 
 def of_kind(scenario, kind):
@@ -38,11 +40,12 @@ def of_kind(scenario, kind):
 @pytest.mark.parametrize("grid", [*GRIDS, *map(random_grid, range(4))])
 def test_lanes_are_our_movements_with_their_links_and_outlines(grid):
     lanes = of_kind(read(grid, "map"), "LANE_SURFACE_STREET")
+    scene = make_scene(as_map(grid), Streets())
     graph = lane_graph(np.array(grid), turn_back=True)
     movements, successors = graph.list_movements(), graph.list_successors()
     assert list(lanes) == [str(index) for index in range(len(movements))]
     for lane, movement, after in zip(lanes.values(), movements, successors, strict=True):
-        centre = to_metres(lane_polyline(movement, 1.6 / 30), Streets(), len(grid))
+        centre = scene.to_metres(lane_polyline(movement, 1.6 / 30))
         points = lane["polyline"][:, 0] + 1j * lane["polyline"][:, 1]
         assert abs(points[0] - centre[0]) < 1e-3 and abs(points[-1] - centre[-1]) < 1e-3
         assert lane["exit_lanes"] == list(map(str, after))
@@ -127,17 +130,18 @@ def test_a_scenario_ends_before_its_car_comes_back_to_its_route(streets, lengths
 
 def test_the_same_map_gives_the_same_bytes_in_another_process():
     program = (
-        "import sys\nfrom elitelanes_jax.formats.scenarionet import to_scenarionet\n"
-        "sys.stdout.buffer.write(to_scenarionet([[6, 3, 0], [12, 15, 3], [0, 12, 9]], 'map'))"
+        "import sys\nfrom elitelanes_jax import RoadMap\n"
+        "from elitelanes_jax.formats.scenarionet import to_scenarionet\n"
+        "sys.stdout.buffer.write(to_scenarionet(RoadMap([[6, 3, 0], [12, 15, 3], [0, 12, 9]]), 'map'))"
     )
     other = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout
-    assert other == to_scenarionet(EIGHT, "map")
-    assert other != to_scenarionet(EIGHT, "map", seed=1)
+    assert other == to_scenarionet(as_map(EIGHT), "map")
+    assert other != to_scenarionet(as_map(EIGHT), "map", seed=1)
 
 
 def test_pickles_name_nothing_but_arrays():
     """NumPy 1 and 2 have these two, and Python 3.4 and later read the protocol."""
-    operations = list(pickletools.genops(to_scenarionet(EIGHT, "map")))
+    operations = list(pickletools.genops(to_scenarionet(as_map(EIGHT), "map")))
     assert operations[0][1] == 4
     texts = [argument for operation, argument, _ in operations if "UNICODE" in operation.name]
     names = {("numpy", "ndarray"), ("builtins", "bytearray")}
@@ -169,7 +173,7 @@ def test_a_folder_of_maps_has_one_summary(tmp_path, capsys):
     assert pickle.loads((folder / "dataset_mapping.pkl").read_bytes()) == dict.fromkeys(names, "")
     for name, grid in zip(names, GRIDS, strict=True):
         content = (folder / name).read_bytes()
-        assert content == to_scenarionet(grid, name[3:-4], Streets(speed=5))
+        assert content == to_scenarionet(as_map(grid), name[3:-4], Streets(speed=5))
         metadata = pickle.loads(content)["metadata"]
         assert summary[name] == metadata | {"ts": metadata["ts"].tolist()}
         assert metadata["number_summary"]["num_objects"] == len(metadata["object_summary"])
@@ -178,7 +182,7 @@ def test_a_folder_of_maps_has_one_summary(tmp_path, capsys):
 def test_a_summary_may_be_beside_its_scenarios(tmp_path):
     file = tmp_path / "towns" / "sd_ring.pkl"
     file.parent.mkdir()
-    file.write_bytes(to_scenarionet(RING, "ring"))
+    file.write_bytes(to_scenarionet(as_map(RING), "ring"))
     made = index_scenarios(tmp_path / "train", [file])
     assert pickle.loads(made["dataset_mapping.pkl"]) == {"sd_ring.pkl": "../towns"}
 
@@ -200,14 +204,14 @@ def test_other_files_are_refused_and_run_no_code(content, tmp_path):
 
 def test_files_of_the_same_name_are_refused(tmp_path):
     file = tmp_path / "sd_ring.pkl"
-    file.write_bytes(to_scenarionet(RING, "ring"))
+    file.write_bytes(to_scenarionet(as_map(RING), "ring"))
     with refused("files", "two for sd_ring.pkl"):
         index_scenarios(tmp_path, [file, file])
 
 
 def test_other_seeds_have_other_cars():
     town = read_map("docs/examples/town.json")
-    assert to_scenarionet(town, "town", seed=1) != to_scenarionet(town, "town")
+    assert to_scenarionet(as_map(town), "town", seed=1) != to_scenarionet(as_map(town), "town")
 
 
 @pytest.mark.parametrize("grid", [[[2, 0], [8, 0]], [[0, 0], [0, 0]]])

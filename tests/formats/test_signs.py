@@ -12,6 +12,7 @@ from simulator_maps import KNOT
 from elitelanes_jax import rotate
 from elitelanes_jax.formats import MapObject, RoadMap, read_map
 from elitelanes_jax.formats.opendrive import to_opendrive
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.network.codes import SIDES
@@ -24,7 +25,7 @@ TOPOLOGY = {(0, 1): "right_T", (0, 3): "left_T", (1, 3): "T", (0, 1, 3): "4_way"
 def test_each_approach_has_its_signs_and_lights():
     """Duckietown's rules place signs for the control and the topology of each approach; a light faces each."""
     streets = Streets()
-    found, lights = signals_of(to_opendrive(TOWN, streets)), lit(TOWN)
+    found, lights = signals_of(to_opendrive(as_map(TOWN), streets)), lit(TOWN)
     assert len(lights) > 1
     types = {"sign_stop": "206", "sign_t_light_ahead": "131", "trafficlight": "1000001"}
     for approach, turns in approaches(BARE).items():
@@ -119,6 +120,6 @@ def test_a_turned_map_has_its_signs_on_the_same_roads():
 def test_signals_are_not_beyond_the_end_of_their_road(tile):
     streets = Streets(tile, tile / 10)
     for codes in (BARE, KNOT):
-        for road in ET.fromstring(to_opendrive(codes, streets)).iter("road"):
+        for road in ET.fromstring(to_opendrive(as_map(codes), streets)).iter("road"):
             length = float(road.get("length"))
             assert all(float(signal.get("s")) in (0, length) for signal in road.iter("signal"))

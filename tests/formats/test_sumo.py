@@ -23,6 +23,7 @@ from sumo_drive import convert, drive, elements, points, read, run
 
 from elitelanes_jax import evolve
 from elitelanes_jax.formats import to_sumo_trips
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.lanes.movements import movements_of
@@ -35,7 +36,7 @@ TO_SCALE = Streets(tile_size=8.43, right_of_way="right_before_left")
 
 
 def plain_xml(codes, *streets):
-    return to_sumo(codes, "city", *streets)
+    return to_sumo(as_map(codes), "city", *streets)
 
 
 def opposites(edges):

@@ -11,6 +11,7 @@ from test_furnish import TOWN
 
 from elitelanes_jax.formats.dt_maps import to_dt_maps
 from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.maps import furnish
 
 HERE = Path(__file__).parent / "gym_duckietown"
@@ -50,7 +51,7 @@ def test_gym_duckietown_sees_the_signs_and_hits_nothing(towns, tmp_path):
 
 def test_dt_maps_reads_all_layers_and_joins_all_lanes(towns, tmp_path):
     """Its own graph of lanes has no loose end."""
-    for name, text in to_dt_maps(towns[0]).items():
+    for name, text in to_dt_maps(as_map(towns[0])).items():
         (tmp_path / f"{name}.yaml").write_text(text, encoding="utf-8")
     kinds = Counter(thing.kind.partition("_")[0] for thing in towns[0].objects)
     (figures,) = run("layers.py", tmp_path)

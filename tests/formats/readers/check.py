@@ -33,7 +33,8 @@ from simulator_maps import draw, lane_graph, peoples_maps  # noqa: E402
 
 from elitelanes_jax import InputError, RoadMap, export  # noqa: E402
 from elitelanes_jax._util.progress import Progress  # noqa: E402
-from elitelanes_jax.formats.signals import crossing_of, rights_of_way  # noqa: E402
+from elitelanes_jax.formats._scene import make_scene  # noqa: E402
+from elitelanes_jax.formats.signals import crossing_of  # noqa: E402
 from elitelanes_jax.formats.streets import Streets  # noqa: E402
 from elitelanes_jax.lanes.curves import on_road  # noqa: E402
 from elitelanes_jax.maps import FormatOptions, furnish  # noqa: E402
@@ -172,7 +173,7 @@ def expected(road_map: RoadMap, to: str) -> dict[str, float]:
         # A ring has two further nodes, and a road back to its own node has one. Both have two turns there.
         added = 2 if not ends else int(ends[0] == ends[1])
         roads, turns = roads + added, turns + 2 * added
-    rights = rights_of_way(road_map, Streets())
+    rights = make_scene(road_map, Streets()).rights
     signs = [crossing_of(one, rights) for one in road_map.objects or () if one.kind == "sign_stop"]
     arms = {tile: links.degree[tile] for tile in rights}
     stopping = [tile for tile, right in rights.items() if right == "allway_stop"]
