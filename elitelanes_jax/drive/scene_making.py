@@ -19,7 +19,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._billboards import Billboards, Floor, pack_billboards
-from elitelanes_jax.drive._camera import Sight, pack_sight
+from elitelanes_jax.drive._camera import Sight, list_tiles, pack_sight
 from elitelanes_jax.drive._objects import stack_objects
 from elitelanes_jax.drive._scenes import PAVED, Blend, SceneMap, Scenes, halved_sizes
 from elitelanes_jax.drive.camera_options import Camera
@@ -58,7 +58,9 @@ def make_sight(
     """
     tiles = _check_tiles(tiles)
     _check_objects(objects)
-    scaled = scale_tiles(tiles, check_tile_px(tile_px))
+    tile_px = check_tile_px(tile_px)
+    camera = Camera() if camera is None else check_named("camera", instance(Camera), camera)
+    scaled = scale_tiles(tiles, tile_px)
     views = None if objects is None else objects.views_by_kind
     return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, views)
 
@@ -392,21 +394,8 @@ def _pack_tiles(
     tiles: TileSet, tile_px: int
 ) -> tuple[UInt32[Array, "T P"], Int32[Array, "16 V"], Int32[Array, " 16"]]:
     """Returns the fields of `Scenes` with the pictures of tiles."""
-    table, counts = _list_pictures(tiles)
+    table, counts = list_tiles(tiles.rotations)
     return _make_pyramid(tiles, tile_px), jnp.asarray(table), jnp.asarray(counts)
-
-
-def _list_pictures(tiles: TileSet) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Lists the pictures of each code, and how many there are.
-
-    A code without any has those of code 0.
-    """
-    shown = [tiles.rotations.get(code, tiles.rotations[0]) for code in range(16)]
-    counts = np.array([len(pictures) for pictures in shown], np.int32)
-    table = np.zeros((16, counts.max()), np.int32)
-    for code, pictures in enumerate(shown):
-        table[code, : len(pictures)] = [4 * tile + turns for tile, turns in pictures]
-    return table, counts
 
 
 def _make_pyramid(tiles: TileSet, tile_px: int) -> UInt32[Array, "T P"]:
