@@ -325,16 +325,13 @@ def _render(
 
     instances = None
     if objects is not None and billboards is not None:
-        sizes = camera.height, camera.forward, camera.objects
-        seen_objects = see_objects(pose, objects, objects.kind, billboards, rays, *sizes)
-        hit, index, instances, _ = seen_objects
+        seen_objects = see_objects(pose, objects, objects.kind, billboards, rays, camera)
+        instances = seen_objects.instances
         # The closure needs the pixels under the objects by another name.
         road = pixel
-        pixel = once(
-            lambda: jnp.where(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), road)
-        )
+        pixel = once(lambda: jnp.where(seen_objects.hit, seen_objects.colours(billboards), road))
         # An object is also seen where no tile is behind it.
-        inside |= hit
+        inside |= seen_objects.hit
 
     noise_seed = None if camera.noise is None else once(lambda: seed)
     colours = []

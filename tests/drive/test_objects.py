@@ -93,7 +93,7 @@ def test_the_nearest_objects_on_the_floor_are_those_ahead():
     x, y = (jnp.array([[0.0]]), jnp.array([[0.1]])), (jnp.array([[0.5]]), jnp.array([[0.0]]))
     pose = Pose(*jnp.array([0.5, 0.5, 0.0]))
     for count, shown in ((1, {2}), (2, {1, 2})):
-        instances = lie(pose, objects, floor, jnp.arange(2), billboards, x, y, jnp.arange(12), count)[2]
+        instances = lie(pose, objects, floor, jnp.arange(2), billboards, x, y, jnp.arange(12), Camera(objects=count))[2]
         assert set(np.unique(instances)) - {0} == shown
 
 
