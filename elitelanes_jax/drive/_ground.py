@@ -222,7 +222,7 @@ def look_up(
     if blend is None:
         return _look_up(points, cells, scenes)[0]
     word, cell = _look_up_toned(points, cells, scenes, blend)
-    reach = max(_FEATHER, _LEAST_FEATHER_PX / scenes.sizes[0]) * _TILE
+    reach = max(_FEATHER, _LEAST_FEATHER_PX / scenes.tile_px) * _TILE
     mixed = [colour.astype(jnp.float32) for colour in colours_of(word)]
     # A pixel near a seam is mixed with its mirror image on the other side. Near corners both
     # changes are added.

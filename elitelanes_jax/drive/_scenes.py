@@ -1,7 +1,6 @@
 """Maps and pictures as arrays, from which `views` draws."""
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import jax
@@ -59,11 +58,7 @@ class SceneMap(NamedTuple):
     blend: Blend | None = None
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["maps", "pyramid", "tiles", "picture_counts", "billboards"],
-    meta_fields=["lane_offset", "tile_px"],
-)
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Scenes:
     """Maps, and the pictures that show them.
@@ -88,8 +83,8 @@ class Scenes:
     tiles: Int32[Array, "16 V"]
     picture_counts: Int32[Array, " 16"]
     billboards: Billboards | None
-    lane_offset: float
-    tile_px: int
+    lane_offset: float = field(metadata={"static": True})
+    tile_px: int = field(metadata={"static": True})
 
     @property
     def sizes(self) -> tuple[int, ...]:
