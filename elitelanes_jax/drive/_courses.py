@@ -4,14 +4,14 @@ from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.types import Numeric, Tree
+from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive._distances import NO_WAY
+from elitelanes_jax.drive._environment import read_at
 from elitelanes_jax.drive._lane_drive_records import LaneDriveParams, LaneDriveState
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
@@ -20,11 +20,6 @@ from elitelanes_jax.network.codes import SIDES
 
 TileReader: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 """A function that returns the code and the ways of the tile at a row and a column."""
-
-
-def read_at(tree: Tree, *index: Array) -> Tree:
-    """Returns the elements of a pytree's arrays at an index, one number for each of the first axes."""
-    return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
 
 
 class Course(NamedTuple):

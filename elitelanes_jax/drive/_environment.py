@@ -114,10 +114,13 @@ def draw_level(key: Key[Array, ""], levels: Pytree) -> Pytree:
 
 def level_at(levels: Pytree, index: Array) -> Pytree:
     """Returns the level with an index of a batch: by its method `at`, or else the row of each array."""
-    if hasattr(levels, "at"):
-        return levels.at(index)
+    return levels.at(index) if hasattr(levels, "at") else read_at(levels, index)
+
+
+def read_at(tree: Tree, *index: Array) -> Tree:
+    """Returns the elements of a pytree's arrays at an index, one number for each of the first axes."""
     # Arrays of NumPy cannot be read at a traced index.
-    return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
+    return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
 
 
 @name_wrong_arguments

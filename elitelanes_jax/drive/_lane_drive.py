@@ -14,8 +14,8 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.drive._camera import look
-from elitelanes_jax.drive._courses import Course, ends_lane, go_on, read_at
-from elitelanes_jax.drive._environment import Environment, Transition, checks_first
+from elitelanes_jax.drive._courses import Course, ends_lane, go_on
+from elitelanes_jax.drive._environment import Environment, Transition, checks_first, read_at
 from elitelanes_jax.drive._lane_drive_records import (
     LaneDriveInfo,
     LaneDriveObservation,

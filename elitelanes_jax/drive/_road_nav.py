@@ -24,8 +24,8 @@ from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, checks_first, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive.lanes import TURN_TAKEN
-from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
-from elitelanes_jax.network.codes import CONNECTIONS, SIDES
+from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement, step_towards
+from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -275,14 +275,10 @@ def _compass(node: LaneNode, goal: LaneNode) -> Array:
     # Tiles are at least 1 apart. The maximum only avoids a division by 0 on the goal's tile.
     scale = 1 / jnp.maximum(distance, 1)
     # The direction is turned from the map's frame to the agent's.
-    ahead_down, ahead_right = jnp.asarray(_AHEAD)[node.heading]
+    ahead_down, ahead_right = (part.astype(jnp.float32) for part in step_towards(node.heading))
     ahead = down * ahead_down + right * ahead_right
     left = down * -ahead_right + right * ahead_down
     return jnp.stack([ahead * scale, left * scale, distance])
-
-
-# The rows down and the columns right to the tile ahead, by heading.
-_AHEAD = np.array([(side.down, side.right) for side in SIDES], np.float32)
 
 
 RoadNav = Environment(_reset, _reset_to_level, _step, _observe, actions=3)
