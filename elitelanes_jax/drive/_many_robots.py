@@ -157,8 +157,6 @@ def pettingzoo_env(
         render_mode = None if draw is None else "rgb_array"
 
         def __init__(self) -> None:
-            # An attribute is copied with the environment, so a deep copy has a state of its own.
-            self._batch = batch
             self.possible_agents = list(names)
             self.agents: list[str] = []
             # PettingZoo asks for a space of its own for each agent, which has a seed.
@@ -213,7 +211,7 @@ def pettingzoo_env(
         def render(self) -> Untyped:
             return None if draw is None else picture_of(draw, self._batch.states("render")[0])
 
-    return ParallelEnv().made()
+    return ParallelEnv().made(batch)
 
 
 def _check_shared(environment: UserValue) -> None:

@@ -88,8 +88,6 @@ def gymnasium_vector_env(
             self.metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
             self.metadata["autoreset_mode"] = gymnasium.vector.AutoresetMode(mode)
             self.render_mode = None if draw is None else "rgb_array"
-            # An attribute is copied with the environment, so a deep copy has states of its own.
-            self._batch = batch
             self.num_envs = batch.envs
             self.single_action_space, self.single_observation_space = batch.spaces(gymnasium.spaces)
             self.action_space = batch_space(self.single_action_space, batch.envs)
@@ -154,7 +152,7 @@ def gymnasium_vector_env(
                 )
             self.params = params[0]
 
-    return VectorEnv().made()
+    return VectorEnv().made(batch)
 
 
 def _list_seeds(first: UserValue, envs: int) -> range:
@@ -272,12 +270,6 @@ def sb3_vec_env(
 
         render_mode = None if draw is None else "rgb_array"
 
-        def __init__(self) -> None:
-            # An attribute is copied with the environment, so a deep copy has states of its own.
-            self._batch = batch
-            action_space, observation_space = batch.spaces(base.spaces)
-            super().__init__(batch.envs, observation_space, action_space)
-
         def reset(self) -> np.ndarray:
             try:
                 named = [read_options(options, "level") for options in self._options]
@@ -341,7 +333,8 @@ def sb3_vec_env(
         ) -> list[bool]:
             return [False for _ in self._get_indices(indices)]
 
-    return VecEnv().made()
+    action_space, observation_space = batch.spaces(base.spaces)
+    return VecEnv(batch.envs, observation_space, action_space).made(batch)
 
 
 def _last_info(done: Outcome, index: int) -> dict[str, Untyped]:
@@ -397,11 +390,6 @@ def puffer_env(
         )
         num_agents = batch.envs
 
-        def __init__(self) -> None:
-            # An attribute is copied with the environment, so a deep copy has states of its own.
-            self._batch = batch
-            super().__init__(buf)
-
         def reset(self, seed: int | None = None) -> tuple[np.ndarray, list[dict[str, float]]]:
             seeds = _list_seeds(start if seed is None else seed, batch.envs)
             # PufferLib reads these arrays, so they are filled and not replaced.
@@ -426,7 +414,7 @@ def puffer_env(
         def close(self) -> None:
             pass
 
-    return PufferEnv().made()
+    return PufferEnv(buf).made(batch)
 
 
 def _check_workers(pufferlib: Untyped) -> None:

@@ -102,8 +102,10 @@ class HasParams:
             )
         super().__setattr__(name, value)
 
-    def made(self: W) -> W:
-        """Returns the environment, which is complete from here on."""
+    def made(self: W, batch: Batch) -> W:
+        """Returns the environment with its batch, complete from here on."""
+        # An attribute is copied with the environment, so a deep copy has states of its own.
+        self._batch = batch
         self._is_made = True
         return self
 

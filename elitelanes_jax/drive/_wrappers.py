@@ -287,10 +287,6 @@ def gymnasium_env(
         render_mode = None if draw is None else "rgb_array"
         action_space, observation_space = batch.spaces(gymnasium.spaces)
 
-        def __init__(self) -> None:
-            # An attribute is copied with the environment, so a deep copy has a state of its own.
-            self._batch = batch
-
         def reset(
             self, *, seed: int | None = None, options: Untyped = None
         ) -> tuple[Pytree, dict[str, Untyped]]:
@@ -312,4 +308,4 @@ def gymnasium_env(
         def render(self) -> Untyped:
             return None if draw is None else picture_of(draw, self._batch.states("render")[0])
 
-    return Env().made()
+    return Env().made(batch)
