@@ -136,24 +136,31 @@ def auto_reset(environment: Environment) -> Environment:
     @runs_jax
     @divide_batches
     def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
-        # Folded in instead of split, so that an unused key costs nothing.
-        transition = environment.step(jax.random.fold_in(key, 0), state, action, params)
-        _, first = environment.reset(jax.random.fold_in(key, 1), params)
-        state = _next_state(transition, first)
-        # Observed again instead of chosen, so that XLA drops an unused `reached`.
-        return transition._replace(observation=environment.observe(state, params), state=state)
+        return _step_on(environment, environment.reset, key, state, action, params)
 
     return environment._replace(step=name_wrong_arguments(step), restarts=True)
 
 
-def _next_state(transition: Transition, first: Tree) -> Tree:
-    """Returns the state with which an environment goes on after a step.
+def _step_on(
+    environment: Environment,
+    begin: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Pytree]],
+    key: Key[Array, ""],
+    state: Pytree,
+    action: Pytree,
+    params: Pytree,
+) -> Transition:
+    """Makes a step. If the episode ends, the state and the observation are those of a new one.
 
-    If the episode has ended, this is the first state of a new episode, otherwise the next state.
+    `begin` starts an episode, as `Environment.reset` does.
     """
+    # Folded in instead of split, so that an unused key costs nothing.
+    transition = environment.step(jax.random.fold_in(key, 0), state, action, params)
     # Both states are computed, because under `jax.vmap` a branch would compute both, too.
+    _, first = begin(jax.random.fold_in(key, 1), params)
     ended = transition.terminated | transition.truncated
-    return jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, transition.state)
+    state = jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, transition.state)
+    # Observed again instead of chosen, so that XLA drops an unused `reached`.
+    return transition._replace(observation=environment.observe(state, params), state=state)
 
 
 class ReplayState(NamedTuple):
@@ -196,14 +203,11 @@ def auto_replay(environment: Environment) -> Environment:
     @runs_jax
     @divide_batches
     def step(key: Key[Array, ""], state: ReplayState, action: Pytree, params: Pytree) -> Transition:
-        # As in `auto_reset`: keys are folded in, and the state is observed again.
-        transition = environment.step(jax.random.fold_in(key, 0), state.state, action, params)
-        _, first = environment.reset_to_level(jax.random.fold_in(key, 1), state.level, params)
-        next_state = _next_state(transition, first)
-        return transition._replace(
-            observation=environment.observe(next_state, params),
-            state=ReplayState(next_state, state.level),
-        )
+        def begin(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, Pytree]:
+            return environment.reset_to_level(key, state.level, params)
+
+        transition = _step_on(environment, begin, key, state.state, action, params)
+        return transition._replace(state=ReplayState(transition.state, state.level))
 
     def observe(state: ReplayState, params: Pytree) -> Pytree:
         return environment.observe(state.state, params)

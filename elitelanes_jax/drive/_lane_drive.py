@@ -14,7 +14,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.drive._camera import look
-from elitelanes_jax.drive._courses import Course, ends_lane, go_on
+from elitelanes_jax.drive._courses import Course, draw_bits, draw_start, ends_lane, go_on
 from elitelanes_jax.drive._environment import Environment, Transition, checks_first, read_at
 from elitelanes_jax.drive._lane_drive_records import (
     LaneDriveInfo,
@@ -25,7 +25,6 @@ from elitelanes_jax.drive._lane_drive_records import (
 )
 from elitelanes_jax.drive._levels import Level, check_single
 from elitelanes_jax.drive._objects import touches
-from elitelanes_jax.drive._starts import draw_bits, draw_start
 from elitelanes_jax.drive.lanes import (
     Pose,
     ground_at,

@@ -25,7 +25,6 @@ from elitelanes_jax.drive._wrapper_base import (
     HasParams,
     check_module,
     check_render,
-    picture_of,
     read_options,
 )
 
@@ -141,9 +140,9 @@ def pettingzoo_env(
     """
     _check_shared(environment)
     check_module(params, pettingzoo, "pettingzoo", "pettingzoo", "utils.env.ParallelEnv")
-    check_render(render)
+    draw = check_render(render)
     spaces: Untyped = pettingzoo.utils.env.gymnasium.spaces
-    batch, draw = Batch(environment, params, 1, DISABLED), render
+    batch = Batch(environment, params, 1, DISABLED)
     names = [f"robot_{index}" for index in range(batch.robots)]
 
     class ParallelEnv(HasParams, pettingzoo.ParallelEnv):
@@ -209,7 +208,7 @@ def pettingzoo_env(
             )
 
         def render(self) -> Untyped:
-            return None if draw is None else picture_of(draw, self._batch.states("render")[0])
+            return None if draw is None else draw(self._batch)[0]
 
     return ParallelEnv().made(batch)
 

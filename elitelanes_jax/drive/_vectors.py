@@ -29,7 +29,6 @@ from elitelanes_jax.drive._wrapper_base import (
     HasParams,
     check_module,
     check_render,
-    picture_of,
     read_options,
 )
 
@@ -74,11 +73,11 @@ def gymnasium_vector_env(
       InputError: for options out of their range, another module, or a `render` that is no function.
     """
     check_module(params, gymnasium, "gymnasium", "gymnasium", "vector.AutoresetMode")
-    check_render(render)
+    draw = check_render(render)
     # An `AutoresetMode` is an enumeration, whose value is the name of the mode.
     words = getattr(autoreset_mode, "value", autoreset_mode)
     mode = check_named("autoreset_mode", one_of(NEXT_STEP, SAME_STEP, DISABLED), words)
-    batch, draw = Batch(environment, params, envs, mode), render
+    batch = Batch(environment, params, envs, mode)
     batch_space = gymnasium.vector.utils.batch_space
 
     class VectorEnv(HasParams, gymnasium.vector.VectorEnv):
@@ -132,11 +131,7 @@ def gymnasium_vector_env(
 
         def render(self) -> tuple[np.ndarray, ...] | None:
             # Robots that share a state share its picture.
-            return (
-                None
-                if draw is None
-                else tuple(picture_of(draw, state) for state in self._batch.states("render"))
-            )
+            return None if draw is None else tuple(draw(self._batch))
 
         def get_attr(self, name: str) -> tuple[UserValue, ...]:
             return (getattr(self, name),) * batch.envs
@@ -260,10 +255,9 @@ def sb3_vec_env(
     """
     name = "stable_baselines3"
     check_module(params, stable_baselines3, name, name, "common.vec_env.VecEnv")
-    check_render(render)
+    draw = check_render(render)
     base: Untyped = stable_baselines3.common.vec_env.base_vec_env
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
-    draw = render
 
     class VecEnv(HasParams, base.VecEnv):
         """The environments."""
@@ -299,7 +293,7 @@ def sb3_vec_env(
                     "sb3_vec_env: expected render, to get pictures, got none", stacklevel=2
                 )
                 return [None] * batch.envs
-            return [picture_of(draw, state) for state in self._batch.states("render")]
+            return draw(self._batch)
 
         def get_attr(self, attr_name: str, indices: UserValue = None) -> list[UserValue]:
             # The environments are one object.

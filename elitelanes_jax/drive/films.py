@@ -96,6 +96,7 @@ def trails(
       InputError: for a map that the tiles cannot draw (see `render`), or rides on another map.
     """
     check_named("tiles", instance(TileSet), tiles)
+    check_named("rides", instance(Rides), rides)
     road_map = _map_of(rides, source)
     picture = render(road_map, tiles, tile_px=tile_px, chosen=chosen).image.copy()
     goals = _goals(rides.levels, tiles.lane_offset)
@@ -106,7 +107,6 @@ def trails(
 
 def _map_of(rides: Rides, source: UserValue) -> RoadMap:
     """Returns the map of rides; raises `InputError` if the rides are on another one."""
-    check_named("rides", instance(Rides), rides)
     road_map = as_map(source)
     # Levels have links alone, so the map is compared without other connections.
     driven_codes = np.asarray(rides.levels.grid)

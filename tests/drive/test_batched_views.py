@@ -333,8 +333,7 @@ def test_streaks_of_motion_are_those_of_datasets(numbers):
     draws, point = list(numbers), np.zeros((5, 5, 3), np.uint8)
     point[2, 2] = 255
     expected = vary_motion(Numbers(), point, 2.9)[..., 0]
-    given = {"motion": jnp.float32(numbers), "blur": jnp.zeros(1)}
-    kernel = varying._draw_kernel(given, Variation(motion=2.9))
+    kernel = varying._draw_kernel(jnp.float32(numbers), jnp.float32(0), Variation(motion=2.9))
     np.testing.assert_allclose(255 * kernel, expected, atol=0.51)
 
 
