@@ -97,10 +97,8 @@ def pack_billboards(
     pixels = np.zeros((ends[-1], stride, 4), np.uint8)
     for picture, end in zip(packed, ends, strict=True):
         pixels[end - len(picture) : end, : picture.shape[1]] = picture
-    opaque = (pixels[..., 3] >= OPAQUE).reshape(len(pixels), -1, 32)
-    words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(
-        axis=-1, dtype=np.uint32
-    )
+    opaque = np.packbits(pixels[..., 3] >= OPAQUE, axis=1, bitorder="little")
+    words = opaque.view("<u4").astype(np.uint32)
     # The label of what is no road is 0.
     pixels[..., 3] = 0
     colours = pixels.view("<u4").reshape(-1).astype(np.uint32)

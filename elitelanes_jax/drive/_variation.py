@@ -299,18 +299,15 @@ def _shifted(taps: Array, by: int) -> Array:
     return jnp.pad(taps, 1)[1 - by : len(taps) + 1 - by]
 
 
-def spread(size: int, grains: int) -> Float[NDArray, "size grains"]:
+def _spread(size: int, grains: int) -> Float[NDArray, "size grains"]:
     """Returns the matrix that stretches `grains` values over `size` pixels.
 
     Values are interpolated linearly between the centres of the grains.
     """
     # The positions are the centres of the pixels, counted in grains from the first grain's centre.
-    positions = np.clip((np.arange(size) + 0.5) * grains / size - 0.5, 0, grains - 1)
-    lower = np.minimum(positions.astype(int), grains - 2)
-    matrix = np.zeros((size, grains), np.float32)
-    matrix[np.arange(size), lower] = 1 - (positions - lower)
-    matrix[np.arange(size), lower + 1] = positions - lower
-    return matrix
+    positions = (np.arange(size) + 0.5) * grains / size - 0.5
+    weights = [np.interp(positions, np.arange(grains), grain) for grain in np.eye(grains)]
+    return np.stack(weights, axis=1).astype(np.float32)
 
 
 def _smooth(
@@ -319,9 +316,9 @@ def _smooth(
     """Returns smooth noise, -1 to 1, with `grains` grains along each side."""
     rows, columns = shape
     return (
-        spread(rows, grains)
+        _spread(rows, grains)
         @ _grid(fork(seed, grains), (grains, grains))
-        @ spread(columns, grains).T
+        @ _spread(columns, grains).T
     )
 
 
