@@ -123,6 +123,15 @@ def read_at(tree: Tree, *index: Array) -> Tree:
     return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
 
 
+def spl(success: Array, shortest: Array, tiles: Array) -> Float[Array, ""]:
+    """Returns success times shortest / tiles, see `RoadNavInfo`."""
+    # A robot that turns round on a tile may need fewer tiles than a shortest way. The metric stays
+    # at most 1. XLA would multiply by a reciprocal of `tiles` in a batch of agents that started
+    # together.
+    most = jnp.maximum(jnp.maximum(tiles, shortest), 1)
+    return (success.astype(jnp.int32) * shortest / most).astype(jnp.float32)
+
+
 @name_wrong_arguments
 def auto_reset(environment: Environment) -> Environment:
     """Returns the environment with steps that reset at the end of an episode.

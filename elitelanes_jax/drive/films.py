@@ -323,15 +323,12 @@ def _draw_trail(
     colour = _COLOURS[index % len(_COLOURS)]
     points = np.stack([rides.x[index], rides.y[index]], axis=1)[: int(steps) + 1]
     thick = max(round(side * _LINE), 1)
-    dots = _dots(points, side)
-    cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)
-    start = dots[0, 0].tolist()
-    radius = round(side * _START_RADIUS * 2**_BITS)
+    cv2.polylines(picture, [_dots(points, side)], False, colour, thick, cv2.LINE_AA, _BITS)
     # OpenCV fills a circle whose thickness is -1.
-    cv2.circle(picture, start, radius, colour, -1, cv2.LINE_AA, _BITS)
-    ring = _dots(goal, side)[0, 0].tolist()
-    radius = round(side * _GOAL_RADIUS * 2**_BITS)
-    cv2.circle(picture, ring, radius, colour, thick, cv2.LINE_AA, _BITS)
+    for middle, share, thickness in ((points[0], _START_RADIUS, -1), (goal, _GOAL_RADIUS, thick)):
+        dot = _dots(middle, side)[0, 0].tolist()
+        radius = round(side * share * 2**_BITS)
+        cv2.circle(picture, dot, radius, colour, thickness, cv2.LINE_AA, _BITS)
 
 
 def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, side: float) -> None:
