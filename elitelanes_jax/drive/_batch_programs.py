@@ -89,7 +89,7 @@ def step_batch(
         # The reset uses the key of the step, because the step's result is dropped there.
         was_over = carry.over
         states = _renew(environment, was_over, keys, states, params)
-        result = jax.tree.map(partial(_zero_where, was_over), result)
+        result = _choose(was_over, jax.tree.map(jnp.zeros_like, result), result)
         over &= ~was_over
     if mode == SAME_STEP:
         # An environment that is reset uses two keys, as one that is reset by its caller.
@@ -108,13 +108,6 @@ def step_batch(
     observations = jax.lax.optimization_barrier((observation, reached))
     carry = Carry(streams, layout.pack(states), over)
     return carry, observations, Layout.of(result).pack(result)
-
-
-def _zero_where(condition: Bool[Array, " N"], array: Array) -> Array:
-    """Returns an array ``[N, ...]`` with zeros where the condition is true."""
-    blank = jnp.zeros((), array.dtype)
-    zeroed: Array = jax.vmap(lambda is_zero, row: jnp.where(is_zero, blank, row))(condition, array)
-    return zeroed
 
 
 def _renew(
@@ -144,7 +137,7 @@ def _renew(
 
 
 def _choose(condition: Bool[Array, " N"], chosen: Tree, others: Tree) -> Tree:
-    """Returns the first states where the condition is true, and the others elsewhere."""
+    """Returns the first pytree's rows where the condition is true, and the others elsewhere."""
     return jax.tree.map(
         lambda one, other: jax.vmap(jnp.where)(condition, one, other), chosen, others
     )

@@ -7,11 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int32, UInt8, UInt32
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, nearest_view
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.formats.objects import OPAQUE, nearest_view
 
 SIDE = 64
 """The default number of rows and columns of pictures of objects, a multiple of 32."""
@@ -26,9 +24,8 @@ INDEX_BITS = 27
 class Billboards(NamedTuple):
     """Pictures of objects, for cameras: P pictures, V views of each of N objects.
 
-    Billboards of `make_billboards` have an object for each of `OBJECT_KINDS`. All rows of all
-    pictures are one after another, each of S pixels. Shorter rows are filled up with transparent
-    pixels.
+    Billboards of a `Sight` have an object for each of `OBJECT_KINDS`. All rows of all pictures are
+    one after another, each of S pixels. Shorter rows are filled up with transparent pixels.
 
     Attributes:
       pixels: uint32 ``[R * S]``, red, green and blue from the lowest byte, row by row.
@@ -59,30 +56,6 @@ class Floor(NamedTuple):
     indices: Int32[Array, " F"]
     length: Float[Array, " F"]
     width: Float[Array, " F"]
-
-
-@name_wrong_arguments
-@runs_jax
-def make_billboards(views: Mapping[str, UserValue]) -> Billboards:
-    """Makes the pictures that cameras show of objects; what has none is not shown.
-
-    Each picture is scaled to 64 x 64 pixels. All signs of a kind show the tag of their view.
-
-    Args:
-      views: uint8 ``[rows, columns, 4]``, RGB and opacity, by kind and by degrees counter-clockwise
-        from the front, as `ObjectSet.views_by_kind` has them.
-
-    Raises:
-      InputError: for unknown kinds, or arrays of other shapes.
-    """
-    checked: dict[str, Mapping[int, AnyArray]] = {}
-    for name, pictures in views.items():
-        if name not in OBJECT_KINDS:
-            raise InputError("objects", f"kinds of {', '.join(OBJECT_KINDS)}", repr(name))
-        if not isinstance(pictures, Mapping):
-            raise InputError("objects", f"views of {name} by degrees", shorten(repr(pictures)))
-        checked[name] = pictures
-    return pack_billboards([checked.get(kind, {}) for kind in OBJECT_KINDS])
 
 
 def pack_billboards(
@@ -124,10 +97,8 @@ def pack_billboards(
     pixels = np.zeros((ends[-1], stride, 4), np.uint8)
     for picture, end in zip(packed, ends, strict=True):
         pixels[end - len(picture) : end, : picture.shape[1]] = picture
-    opaque = (pixels[..., 3] >= OPAQUE).reshape(len(pixels), -1, 32)
-    words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(
-        axis=-1, dtype=np.uint32
-    )
+    opaque = np.packbits(pixels[..., 3] >= OPAQUE, axis=1, bitorder="little")
+    words = opaque.view("<u4").astype(np.uint32)
     # The label of what is no road is 0.
     pixels[..., 3] = 0
     colours = pixels.view("<u4").reshape(-1).astype(np.uint32)

@@ -16,17 +16,18 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int32, Integer, Key, UInt8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, WholeT
-from elitelanes_jax.drive._billboards import Billboards, make_billboards
+from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax.drive._billboards import Billboards, pack_billboards
 from elitelanes_jax.drive._hashing import fork, hash_normal
 from elitelanes_jax.drive._objects import Objects
 from elitelanes_jax.drive._objects_seen import Rays, see_objects
 from elitelanes_jax.drive.camera_options import Camera, LaneCamera, Variation
 from elitelanes_jax.drive.lanes import Pose, single
 from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.formats.objects import OBJECT_KINDS
 from elitelanes_jax.network.bits import mix, random_bits
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.pytrees import pytree
@@ -36,37 +37,6 @@ from elitelanes_jax.network.xla import once
 # The options need no JAX. Whoever traces them needs this module.
 for _options in (Camera, LaneCamera, Variation):
     pytree(_options)
-
-
-@name_wrong_arguments
-@runs_jax
-def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
-    """Makes an atlas: the pictures of all tiles of a set, in all rotations.
-
-    The pixels of an atlas have a colour and a label.
-
-    Args:
-      images: uint8 ``[T, P, P, 3]``, of `scale_tiles`.
-      labels: uint8 ``[T, P, P]``, of `scale_tiles`.
-
-    Returns:
-      uint8 ``[T, P, P, 4]``, red, green, blue and label of tile
-      ``4 * index in the set + quarter turns``.
-
-    Raises:
-      InputError: for arrays of other shapes or types.
-    """
-    images, labels = np.asarray(images), np.asarray(labels)
-    are_pictures = images.ndim == 4 and images.shape[3] == 3 and images.size > 0
-    are_squares = are_pictures and images.shape[1] == images.shape[2]
-    if not are_squares or labels.shape != images.shape[:3]:
-        raise InputError(
-            "images, labels", "[T, P, P, 3] and [T, P, P]", f"{images.shape} and {labels.shape}"
-        )
-    if images.dtype != np.uint8 or labels.dtype != np.uint8:
-        raise InputError("images, labels", "uint8", f"{images.dtype} and {labels.dtype}")
-    # A colour and its label are four bytes, which `render_view` reads as one word.
-    return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
 
 
 class View(NamedTuple):
@@ -105,76 +75,64 @@ class Sight(NamedTuple):
 
 
 def pack_sight(
-    images: AnyArray,
-    labels: AnyArray,
+    images: UInt8[np.ndarray, "T P P 3"],
+    labels: UInt8[np.ndarray, "T P P"],
     rotations: Mapping[int, Sequence[tuple[int, int]]],
-    camera: Camera | None = None,
+    camera: Camera,
     objects: Mapping[str, Mapping[int, AnyArray]] | None = None,
 ) -> Sight:
     """Packs a camera and pictures.
 
     Args:
-      images: see `make_atlas`.
-      labels: see `make_atlas`.
+      images: the pictures of tiles, of tile ``4 * index in the set + quarter turns``.
+      labels: their labels.
       rotations: the pictures by code, each as (index in the set, quarter turns), as
         `TileSet.rotations` has them. A code without a picture is shown like code 0.
-      camera: the options of the camera; by default `Camera()`.
+      camera: the options of the camera.
       objects: views of objects, as `ObjectSet.views_by_kind` has them; by default no objects are
         seen.
 
     Raises:
-      InputError: for arrays of other shapes or types, no picture of code 0, unknown kinds of
-        objects, or a bad option of the camera.
+      InputError: for views of objects of other shapes.
     """
-    atlas = make_atlas(images, labels)
-    if not rotations.get(0):
-        raise InputError("rotations", "a picture of code 0", f"codes {sorted(rotations)}")
-    tiles = _list_tiles(rotations, len(atlas))
-    camera = Camera() if camera is None else check_named("camera", instance(Camera), camera)
-    billboards = None if objects is None else make_billboards(objects)
-    return Sight(camera, atlas, jnp.asarray(tiles), billboards)
+    # A colour and its label are four bytes, which `look` reads as one word.
+    atlas = np.concatenate([images, labels[..., None]], axis=-1)
+    tiles, _ = list_tiles(rotations)
+    billboards = None
+    if objects is not None:
+        billboards = pack_billboards([objects.get(kind, {}) for kind in OBJECT_KINDS])
+    return Sight(camera, jnp.asarray(atlas), jnp.asarray(tiles), billboards)
 
 
-def _list_tiles(
-    rotations: Mapping[int, Sequence[tuple[int, int]]], count: int
-) -> Int32[np.ndarray, "16 V"]:
-    """Lists the tiles of each code in an atlas of `count` tiles. Shorter lists are repeated."""
-    rows = []
-    for code in range(16):
-        tiles_of_code = []
-        for index, turns in rotations.get(code) or rotations[0]:
-            if not _has_tile(index, turns, count):
-                raise InputError(
-                    "rotations",
-                    f"tiles of the {count} pictures, each an index and 0 to 3 quarter turns",
-                    f"{index} and {turns} for code {code}",
-                )
-            tiles_of_code.append(4 * index + turns)
-        rows.append(tiles_of_code)
-    longest = max(map(len, rows))
-    # Repeats make all rows equally long.
-    return np.array([np.resize(row, longest) for row in rows], np.int32)
+def list_tiles(
+    rotations: Mapping[int, Sequence[tuple[int, int]]],
+) -> tuple[Int32[np.ndarray, "16 V"], Int32[np.ndarray, "16"]]:
+    """Returns a table of the tiles that show each code, and the number of tiles of each code.
 
-
-def _has_tile(index: WholeT, turns: WholeT, count: int) -> Untyped:
-    """Returns whether an atlas of `count` tiles has the picture of an index, turned by quarters.
-
-    The arguments are numbers or arrays.
+    A tile is ``4 * index in the set + quarter turns``. A code without any has those of code 0.
     """
-    tile = 4 * index + turns
-    return (turns >= 0) & (turns < 4) & (tile >= 0) & (tile < count)
+    tiles_by_code = [
+        [4 * index + turns for index, turns in rotations.get(code, rotations[0])]
+        for code in range(16)
+    ]
+    counts = np.array([len(tiles) for tiles in tiles_by_code], np.int32)
+    # Repeated tiles make all rows equally long.
+    table = [np.resize(tiles, counts.max()) for tiles in tiles_by_code]
+    return np.array(table, np.int32), counts
 
 
-def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
-    """Returns the depth and the distance ahead at which rays meet the ground, in metres.
+def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
+    """Returns which rays meet the ground, and the depth and the distance ahead there, in tiles.
 
-    Both are infinite above the horizon. Their shape is that of ``rays.fall``: a number for each row
+    Both are 0 above the horizon. Their shape is that of ``rays.fall``: a number for each row
     without distortion, otherwise one for each pixel.
     """
     # A ray that does not fall never meets the ground. Both branches of the selection are computed,
     # so the divisor is kept away from 0.
-    reach = jnp.where(rays.fall > 1e-6, camera.height / jnp.maximum(rays.fall, 1e-6), jnp.inf)
-    return reach, reach * rays.forward + camera.forward
+    depth = jnp.where(rays.fall > 1e-6, camera.height / jnp.maximum(rays.fall, 1e-6), jnp.inf)
+    ahead = depth * rays.forward + camera.forward
+    seen = jnp.isfinite(ahead)
+    return seen, jnp.where(seen, depth, 0) / TILE, jnp.where(seen, ahead, 0) / TILE
 
 
 def focal_length(camera: Camera, samples: int = 1) -> Array:
@@ -295,7 +253,7 @@ def _look(
     else:
         # The noise of all pixels is hashed from one draw.
         seed = random_bits(key, ())
-    return render_view(seed, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)
+    return _render(seed, pose, tiles, sight, objects)
 
 
 def _chosen_tiles(
@@ -311,7 +269,8 @@ def _chosen_tiles(
     # Traced pictures are unknown, and are not checked.
     if not isinstance(chosen, jax.core.Tracer):
         indices, quarters = np.asarray(chosen).reshape(-1, 2).T
-        is_missing = ~_has_tile(indices, quarters, count)
+        is_turn = (quarters >= 0) & (quarters < 4)
+        is_missing = ~is_turn | (indices < 0) | (4 * indices + quarters >= count)
         if is_missing.any():
             first = is_missing.argmax()
             index, turns = indices[first], quarters[first]
@@ -331,37 +290,32 @@ def _tiles_of(grid: Int[Array, "H W"], sight: Sight) -> Int[Array, "H W"]:
     return sight.tiles[grid.astype(jnp.int32) & 15, index % sight.tiles.shape[1]]
 
 
-def render_view(
+def _render(
     seed: UInt32[Array, ""],
     pose: Pose,
-    tiles: Int[ArrayLike, "H W"],
-    atlas: UInt8[Array, "T P P 4"],
-    camera: Camera,
+    tiles: Int[Array, "H W"],
+    sight: Sight,
     objects: Objects | None,
-    billboards: Billboards | None,
 ) -> View:
-    """Renders one frame from the tile of the atlas for each cell.
-
-    The seed is of the noise, see `look`.
-    """
-    tiles = jnp.asarray(tiles)
+    """Renders a view from the tile of the atlas for each cell, and the seed of the noise."""
+    camera, atlas, _, billboards = sight
     height, width = tiles.shape
     size = atlas.shape[1]
     rays = once(lambda: rays_of(camera))
-    seen, ahead, wide = once(lambda: _rows(camera, rays))
+    seen, depth, ahead = once(lambda: reach_ground(camera, rays))
     # Whatever computes the pose, XLA would repeat it for each pixel.
     east, south, cosine, sine = once(
         lambda: (pose.x, pose.y, jnp.cos(pose.theta), jnp.sin(pose.theta))
     )
-    # The points on the ground are in tiles, ahead and to the left of the robot.
-    left = wide * rays.right
+    # The points on the ground are in tiles, ahead and to the right of the robot.
+    right = depth * rays.right
     # In pixels of the rendered map, because positions are rounded on the map, not on the tile.
-    x = jnp.floor((east + ahead * cosine - left * sine) * size).astype(jnp.int32)
-    y = jnp.floor((south - ahead * sine - left * cosine) * size).astype(jnp.int32)
+    x = jnp.floor((east + ahead * cosine + right * sine) * size).astype(jnp.int32)
+    y = jnp.floor((south - ahead * sine + right * cosine) * size).astype(jnp.int32)
     inside = seen & (x >= 0) & (x < width * size) & (y >= 0) & (y < height * size)
     # Points beyond the map are read as well, at its edge, and replaced later.
     x, y = jnp.clip(x, 0, width * size - 1), jnp.clip(y, 0, height * size - 1)
-    # Indices have loops of their own and are unsigned, see `_look_up` in `_views`.
+    # Indices have loops of their own and are unsigned, see `_look_up` in `_ground`.
     cell = once(lambda: ((y // size) * width + x // size).astype(jnp.uint32))
     tile = tiles.reshape(-1).at[cell].get(mode="promise_in_bounds")
     flat = once(lambda: ((tile * size + y % size) * size + x % size).astype(jnp.uint32))
@@ -371,16 +325,13 @@ def render_view(
 
     instances = None
     if objects is not None and billboards is not None:
-        sizes = camera.height, camera.forward, camera.objects
-        seen_objects = see_objects(pose, objects, objects.kind, billboards, rays, *sizes)
-        hit, index, instances, _ = seen_objects
+        seen_objects = see_objects(pose, objects, objects.kind, billboards, rays, camera)
+        instances = seen_objects.instances
         # The closure needs the pixels under the objects by another name.
         road = pixel
-        pixel = once(
-            lambda: jnp.where(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), road)
-        )
+        pixel = once(lambda: jnp.where(seen_objects.hit, seen_objects.colours(billboards), road))
         # An object is also seen where no tile is behind it.
-        inside |= hit
+        inside |= seen_objects.hit
 
     noise_seed = None if camera.noise is None else once(lambda: seed)
     colours = []
@@ -402,13 +353,3 @@ def render_view(
     words = once(lambda: red | green << 8 | blue << 16 | jnp.where(inside, pixel >> 24, 0) << 24)
     pixels = jax.lax.bitcast_convert_type(words, jnp.uint8)
     return View(pixels[..., :3], pixels[..., 3], instances)
-
-
-def _rows(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
-    """Returns which rays meet the ground, and where.
-
-    The position on the ground is the tiles ahead, and the tiles to the left for each ``right``.
-    """
-    reach, ahead = reach_ground(camera, rays)
-    seen = jnp.isfinite(ahead)
-    return seen, jnp.where(seen, ahead, 0) / TILE, jnp.where(seen, -reach, 0) / TILE

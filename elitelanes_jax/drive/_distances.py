@@ -72,20 +72,14 @@ def _distances(grid: Array, goal: LaneNode) -> Array:
     return jnp.where(lane_nodes(links), jnp.moveaxis(reached, 0, -1), UNREACHABLE)
 
 
-@runs_jax
+@jax.jit
+@divide_batches
 def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "H W"]:
     """Computes the turn at every node of a grid for a shortest way to the goal.
 
     The result has two bits per heading. A turn is 0 right, 1 straight, 2 left, or `NO_WAY`. Among
-    several shortest ways the right turn comes first, then straight on. Raises `InputError` for a
-    bad grid.
+    several shortest ways the right turn comes first, then straight on.
     """
-    return _shortest_ways(check_grid(grid), goal)
-
-
-@jax.jit
-@divide_batches
-def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
     _, onward = _relax(linked_codes(grid), goal)
     ways = jnp.zeros(onward.shape[1:], jnp.uint8)
     for heading in range(4):

@@ -114,10 +114,22 @@ def draw_level(key: Key[Array, ""], levels: Pytree) -> Pytree:
 
 def level_at(levels: Pytree, index: Array) -> Pytree:
     """Returns the level with an index of a batch: by its method `at`, or else the row of each array."""
-    if hasattr(levels, "at"):
-        return levels.at(index)
+    return levels.at(index) if hasattr(levels, "at") else read_at(levels, index)
+
+
+def read_at(tree: Tree, *index: Array) -> Tree:
+    """Returns the elements of a pytree's arrays at an index, one number for each of the first axes."""
     # Arrays of NumPy cannot be read at a traced index.
-    return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
+    return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
+
+
+def spl(success: Array, shortest: Array, tiles: Array) -> Float[Array, ""]:
+    """Returns success times shortest / tiles, see `RoadNavInfo`."""
+    # A robot that turns round on a tile may need fewer tiles than a shortest way. The metric stays
+    # at most 1. XLA would multiply by a reciprocal of `tiles` in a batch of agents that started
+    # together.
+    most = jnp.maximum(jnp.maximum(tiles, shortest), 1)
+    return (success.astype(jnp.int32) * shortest / most).astype(jnp.float32)
 
 
 @name_wrong_arguments
@@ -133,24 +145,31 @@ def auto_reset(environment: Environment) -> Environment:
     @runs_jax
     @divide_batches
     def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
-        # Folded in instead of split, so that an unused key costs nothing.
-        transition = environment.step(jax.random.fold_in(key, 0), state, action, params)
-        _, first = environment.reset(jax.random.fold_in(key, 1), params)
-        state = _next_state(transition, first)
-        # Observed again instead of chosen, so that XLA drops an unused `reached`.
-        return transition._replace(observation=environment.observe(state, params), state=state)
+        return _step_on(environment, environment.reset, key, state, action, params)
 
     return environment._replace(step=name_wrong_arguments(step), restarts=True)
 
 
-def _next_state(transition: Transition, first: Tree) -> Tree:
-    """Returns the state with which an environment goes on after a step.
+def _step_on(
+    environment: Environment,
+    begin: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Pytree]],
+    key: Key[Array, ""],
+    state: Pytree,
+    action: Pytree,
+    params: Pytree,
+) -> Transition:
+    """Makes a step. If the episode ends, the state and the observation are those of a new one.
 
-    If the episode has ended, this is the first state of a new episode, otherwise the next state.
+    `begin` starts an episode, as `Environment.reset` does.
     """
+    # Folded in instead of split, so that an unused key costs nothing.
+    transition = environment.step(jax.random.fold_in(key, 0), state, action, params)
     # Both states are computed, because under `jax.vmap` a branch would compute both, too.
+    _, first = begin(jax.random.fold_in(key, 1), params)
     ended = transition.terminated | transition.truncated
-    return jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, transition.state)
+    state = jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, transition.state)
+    # Observed again instead of chosen, so that XLA drops an unused `reached`.
+    return transition._replace(observation=environment.observe(state, params), state=state)
 
 
 class ReplayState(NamedTuple):
@@ -193,14 +212,11 @@ def auto_replay(environment: Environment) -> Environment:
     @runs_jax
     @divide_batches
     def step(key: Key[Array, ""], state: ReplayState, action: Pytree, params: Pytree) -> Transition:
-        # As in `auto_reset`: keys are folded in, and the state is observed again.
-        transition = environment.step(jax.random.fold_in(key, 0), state.state, action, params)
-        _, first = environment.reset_to_level(jax.random.fold_in(key, 1), state.level, params)
-        next_state = _next_state(transition, first)
-        return transition._replace(
-            observation=environment.observe(next_state, params),
-            state=ReplayState(next_state, state.level),
-        )
+        def begin(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, Pytree]:
+            return environment.reset_to_level(key, state.level, params)
+
+        transition = _step_on(environment, begin, key, state.state, action, params)
+        return transition._replace(state=ReplayState(transition.state, state.level))
 
     def observe(state: ReplayState, params: Pytree) -> Pytree:
         return environment.observe(state.state, params)

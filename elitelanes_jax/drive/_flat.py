@@ -94,14 +94,8 @@ def _flattened(environment: Environment, *, channels_first: bool) -> Environment
     def observe(state: Pytree, params: Params) -> Array:
         return to_array(environment.observe(state, params))
 
-    return Environment(
-        reset=reset,
-        reset_to_level=reset_to_level,
-        step=step,
-        observe=observe,
-        actions=environment.actions,
-        action_size=environment.action_size,
-        shared=environment.shared,
+    return environment._replace(
+        reset=reset, reset_to_level=reset_to_level, step=step, observe=observe
     )
 
 

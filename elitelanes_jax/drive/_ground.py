@@ -101,10 +101,8 @@ def meet_ground(
         gap = 1 / focal_length(camera, samples)
     else:
         gap = (rays.right[0, -1] - rays.right[0, 0]) / (columns - 1)
-    reach, ahead = reach_ground(camera, rays)
-    seen = jnp.isfinite(ahead)
-    ahead, reach = (jnp.where(seen, part, 0) / TILE for part in (ahead, reach))
-    x_step, y_step = reach * sine * gap, reach * cosine * gap
+    seen, depth, ahead = reach_ground(camera, rays)
+    x_step, y_step = depth * sine * gap, depth * cosine * gap
     if camera.distortion is None:
         # Without distortion a row of pixels meets the ground in a line. So a position and a step
         # describe the whole row. With an even number of columns, the middle column is half a step
@@ -129,8 +127,8 @@ def meet_ground(
     # The distance between samples is the root of the area between four of them, in pixels of the
     # largest pictures.
     height = camera.height / TILE
-    apart = jnp.sqrt(reach**3 / height) * gap * sizes[0]
-    level = jnp.zeros(reach.shape, jnp.int32)
+    apart = jnp.sqrt(depth**3 / height) * gap * sizes[0]
+    level = jnp.zeros(depth.shape, jnp.int32)
     if smaller:
         level = jnp.floor(jnp.log2(jnp.maximum(apart, 1)) + 0.5).astype(jnp.int32)
         level = jnp.minimum(level, len(sizes) - 1)
@@ -224,7 +222,7 @@ def look_up(
     if blend is None:
         return _look_up(points, cells, scenes)[0]
     word, cell = _look_up_toned(points, cells, scenes, blend)
-    reach = max(_FEATHER, _LEAST_FEATHER_PX / scenes.sizes[0]) * _TILE
+    reach = max(_FEATHER, _LEAST_FEATHER_PX / scenes.tile_px) * _TILE
     mixed = [colour.astype(jnp.float32) for colour in colours_of(word)]
     # A pixel near a seam is mixed with its mirror image on the other side. Near corners both
     # changes are added.

@@ -14,8 +14,8 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.drive._camera import look
-from elitelanes_jax.drive._courses import Course, ends_lane, go_on, read_at
-from elitelanes_jax.drive._environment import Environment, Transition, checks_first
+from elitelanes_jax.drive._courses import draw_bits, draw_start, ends_lane, go_on
+from elitelanes_jax.drive._environment import Environment, Transition, checks_first, read_at, spl
 from elitelanes_jax.drive._lane_drive_records import (
     LaneDriveInfo,
     LaneDriveObservation,
@@ -25,7 +25,6 @@ from elitelanes_jax.drive._lane_drive_records import (
 )
 from elitelanes_jax.drive._levels import Level, check_single
 from elitelanes_jax.drive._objects import touches
-from elitelanes_jax.drive._starts import draw_bits, draw_start
 from elitelanes_jax.drive.lanes import (
     Pose,
     ground_at,
@@ -35,7 +34,7 @@ from elitelanes_jax.drive.lanes import (
     lane_point,
 )
 from elitelanes_jax.drive.robot import TILE, drive, still, tiles_driven, to_wheels
-from elitelanes_jax.lanes.movements import LaneNode, Movement
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import randint
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import once, rounded
@@ -190,7 +189,7 @@ def _step(
         oncoming=oncoming,
         tiles=tiles,
         shortest=state.shortest,
-        spl=_spl(events.success, state.shortest, tiles),
+        spl=spl(events.success, state.shortest, tiles),
         collision=events.collision,
     )
     observation = _observe(after, params)
@@ -225,14 +224,6 @@ def _reward(
     return jnp.asarray(reward, jnp.float32)
 
 
-def _spl(success: Array, shortest: Array, tiles: Array) -> Float[Array, ""]:
-    """Returns success times shortest / tiles, see `LaneDriveInfo`."""
-    # A robot that turns round on a tile may need fewer tiles than a shortest way. The metric stays
-    # at most 1.
-    most = jnp.maximum(jnp.maximum(tiles, shortest), 1)
-    return (success.astype(jnp.int32) * shortest / most).astype(jnp.float32)
-
-
 def _move(
     key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriveParams
 ) -> tuple[Parts, _Events]:
@@ -244,7 +235,9 @@ def _move(
     course = go_on(jax.random.fold_in(key, 1), state, pose, params)
     d, phi, s = lane_errors(pose, course.movement, params.lane_offset)
     has_both_sides = _has_both_sides_on_road(state.grid, pose, params)
-    success = _reaches_goal(course, state.goal) & (params.task == "route")
+    # The goal's tile must be entered on the lane that leads to it.
+    at_goal = course.entered & course.movement.node.equals(state.goal)
+    success = at_goal & (params.task == "route")
     lane_ends = ends_lane(state.grid, course.movement.node)
     off_road = ~success & (course.astray | lane_ends | ~has_both_sides)
     along = _progress(wheels.speed, phi, params)
@@ -273,13 +266,6 @@ def _has_both_sides_on_road(grid: Array, pose: Pose, params: LaneDriveParams) ->
     left = ground_at(grid, pose.x + east, pose.y + south).on_road
     right = ground_at(grid, pose.x - east, pose.y - south).on_road
     return left & right
-
-
-def _reaches_goal(course: Course, goal: LaneNode) -> Bool[Array, ""]:
-    """Returns whether the robot has come to the goal's tile on the lane that leads to it."""
-    here = course.movement.node
-    is_tile = (here.row == goal.row) & (here.column == goal.column)
-    return course.entered & is_tile & (here.heading == goal.heading)
 
 
 def _progress(speed: Array, phi: Array, params: LaneDriveParams) -> Float[Array, ""]:

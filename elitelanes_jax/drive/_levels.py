@@ -12,7 +12,7 @@ from elitelanes_jax._util.checks import check_named, clip_to_int32, whole
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import ArrayOrRows, Numeric, UserValue
+from elitelanes_jax._util.types import ArrayOrRows, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive._objects import Objects, make_objects
 from elitelanes_jax.drive.lanes import check_lane
@@ -197,37 +197,29 @@ def check_maps(name: str, sources: UserValue) -> list[RoadMap]:
     return road_maps
 
 
-@jax.jit
-def _random_levels(keys: Array, grids: Array, least: Numeric, most: Numeric) -> Level:
-    return jax.vmap(lambda key, grid: random_level(key, grid, least=least, most=most))(keys, grids)
+_random_levels = jax.jit(jax.vmap(_random_level, (0, 0, None, None)))
 
 
 def check_batch(levels: UserValue) -> Level:
-    """Checks that a value is a batch of one or more levels, but not the levels.
-
-    Returns a copy, as `frozen_copy` makes it.
-    """
+    """Checks that a value is a batch of one or more levels, but not the levels; returns a copy."""
     batch = _check_axes(levels, 3, "a batch of levels (see make_levels)")
     if not batch.grid.shape[0]:
         raise InputError("", "one or more levels", "none")
-    copy: Level = jax.tree.map(frozen_copy, batch)
-    return copy
+    return batch
 
 
 def check_single(level: UserValue) -> Level:
-    """Checks that a value is one level, but not the level.
-
-    Returns a copy, as `frozen_copy` makes it, because JAX may read arrays after the call.
-    """
-    single = _check_axes(level, 2, "one level (see random_level)")
-    copy: Level = jax.tree.map(frozen_copy, single)
-    return copy
+    """Checks that a value is one level, but not the level; returns a copy."""
+    return _check_axes(level, 2, "one level (see random_level)")
 
 
 def _check_axes(level: UserValue, axes: int, expected: str) -> Level:
+    """Returns a copy of a level or a batch, as `frozen_copy` makes it."""
     if isinstance(level, Level):
         if np.ndim(level.grid) == axes:
-            return level
+            # JAX may read arrays after the call.
+            copy: Level = jax.tree.map(frozen_copy, level)
+            return copy
         got = f"one of shape {np.shape(level.grid)}"
     elif hasattr(level, "shape"):
         # A message does not name the type of a tracer.

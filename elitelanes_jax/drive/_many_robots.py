@@ -25,7 +25,6 @@ from elitelanes_jax.drive._wrapper_base import (
     HasParams,
     check_module,
     check_render,
-    picture_of,
     read_options,
 )
 
@@ -141,9 +140,9 @@ def pettingzoo_env(
     """
     _check_shared(environment)
     check_module(params, pettingzoo, "pettingzoo", "pettingzoo", "utils.env.ParallelEnv")
-    check_render(render)
+    draw = check_render(render)
     spaces: Untyped = pettingzoo.utils.env.gymnasium.spaces
-    batch, draw = Batch(environment, params, 1, DISABLED), render
+    batch = Batch(environment, params, 1, DISABLED)
     names = [f"robot_{index}" for index in range(batch.robots)]
 
     class ParallelEnv(HasParams, pettingzoo.ParallelEnv):
@@ -157,8 +156,6 @@ def pettingzoo_env(
         render_mode = None if draw is None else "rgb_array"
 
         def __init__(self) -> None:
-            # An attribute is copied with the environment, so a deep copy has a state of its own.
-            self._batch = batch
             self.possible_agents = list(names)
             self.agents: list[str] = []
             # PettingZoo asks for a space of its own for each agent, which has a seed.
@@ -211,9 +208,9 @@ def pettingzoo_env(
             )
 
         def render(self) -> Untyped:
-            return None if draw is None else picture_of(draw, self._batch.states("render")[0])
+            return None if draw is None else draw(self._batch)[0]
 
-    return ParallelEnv().made()
+    return ParallelEnv().made(batch)
 
 
 def _check_shared(environment: UserValue) -> None:

@@ -60,19 +60,16 @@ def stack_objects(maps: Sequence[RoadMap], room: int = 0) -> Objects:
     objects_of_maps = [road_map.objects or () for road_map in maps]
     shape = len(maps), max(room, *map(len, objects_of_maps))
     # What fills up a batch is far away and has neither height nor radius.
-    kind = np.zeros(shape, np.int32)
-    x, y = np.full((2, *shape), _AWAY, np.float32)
-    angle, height, radius = np.zeros((3, *shape), np.float32)
+    fields = np.zeros((6, *shape), np.float32)
+    fields[1:3] = _AWAY
     kinds = list(OBJECT_KINDS)
     for number, map_objects in enumerate(objects_of_maps):
-        for index, map_object in enumerate(map_objects):
-            slot = number, index
-            kind[slot] = kinds.index(base_kind(map_object.kind))
-            x[slot], y[slot] = map_object.x, map_object.y
-            angle[slot], height[slot] = map_object.angle, map_object.height
+        for index, thing in enumerate(map_objects):
+            kind = kinds.index(base_kind(thing.kind))
             # A robot drives over objects without height.
-            radius[slot] = map_object.radius if map_object.height else 0
-    return Objects(*map(jnp.asarray, (kind, x, y, angle, height, radius)))
+            radius = thing.radius if thing.height else 0
+            fields[:, number, index] = kind, thing.x, thing.y, thing.angle, thing.height, radius
+    return Objects(jnp.asarray(fields[0], jnp.int32), *map(jnp.asarray, fields[1:]))
 
 
 def stands_on(objects: Objects, pose: Pose, radius: Numeric) -> Bool[Array, ""]:

@@ -6,6 +6,7 @@ its pixels are opaque. Tags on the floor are pictures on the ground, which only 
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -15,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int32, UInt32
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive._billboards import INDEX_BITS, Billboards, Floor
 from elitelanes_jax.drive._objects import Objects
+from elitelanes_jax.drive.camera_options import Camera
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.objects import NEAR
@@ -59,6 +61,10 @@ class SeenObjects(NamedTuple):
     instances: Int32[Array, "rows columns"]
     covered: Int32[Array, " M"] | None = None
 
+    def colours(self, billboards: Billboards) -> UInt32[Array, "rows columns"]:
+        """Returns the colour of each pixel, red, green and blue from the lowest byte."""
+        return billboards.pixels.at[self.pixel].get(mode="promise_in_bounds")
+
     def over(self, other: "SeenObjects") -> "SeenObjects":
         """Returns these objects in front of others."""
         covered = None
@@ -78,35 +84,38 @@ def see_objects(
     pictures: Int32[Array, " M"],
     billboards: Billboards,
     rays: Rays,
-    height: Numeric,
-    forward: Numeric,
-    count: int | None,
+    camera: Camera,
     *,
     counts: bool = False,
 ) -> SeenObjects:
-    """Finds the objects that are seen, among the `count` nearest ones in front of a camera.
+    """Finds the objects that a camera sees, among the nearest ones in front of it.
 
-    The pose is that of the middle between the wheels. The camera is `height` metres above the
-    ground, and `forward` metres ahead of this middle. `pictures` has the index of each object in
-    the billboards. If `count` is None, all objects are seen. `counts` says whether the pixels that
+    The pose is that of the middle between the wheels, and the rays are those of the camera.
+    `pictures` has the index of each object in the billboards. `counts` says whether the pixels that
     each object would cover alone are counted.
     """
-    upright = _stand_upright(pose, objects, pictures, billboards, rays, forward)
+    upright = _stand_upright(pose, objects, pictures, billboards, rays, camera.forward)
     most = len(upright.ahead)
     # `top_k` sorts the objects by their distance ahead, the nearest one first.
-    nearest, near = jax.lax.top_k(-upright.ahead, most if count is None else min(count, most))
+    nearest, near = jax.lax.top_k(-upright.ahead, _limit(most, camera))
     shape = jnp.broadcast_shapes(rays.forward.shape, rays.right.shape)
 
     def lay(near: Int32[Array, " C"], shown: Bool[Array, " C"]) -> _Layers:
         parts = _Upright(*(part[near] for part in upright))
         # Indices that fill up a group show nothing.
         parts = parts._replace(ahead=jnp.where(shown, parts.ahead, jnp.inf))
-        rows = once(lambda: _cross_rows(parts, billboards, rays, height))
-        return once(lambda: _lay_over_each_other(rows, rays, counts=counts))
+        rows = once(lambda: _cross_rows(parts, billboards, rays, camera.height))
+        show = partial(_show_upright, rows, rays)
+        return once(lambda: _lay_over_each_other(show, len(near), shape, counts=counts))
 
     # Objects that are not shown are infinitely far away.
     shown = jnp.isfinite(nearest)[::-1]
     return _lay_groups(lay, near[::-1], shown, jnp.arange(most), shape, most, counts=counts)
+
+
+def _limit(count: int, camera: Camera) -> int:
+    """Returns how many of `count` objects a camera shows."""
+    return count if camera.objects is None else min(camera.objects, count)
 
 
 class _Layers(NamedTuple):
@@ -120,6 +129,22 @@ class _Layers(NamedTuple):
 
     seen: Int32[Array, "rows columns"]
     covered: Int32[Array, " C"]
+
+
+def _lay_over_each_other(
+    show: Callable[[int], tuple[Array, Array]], count: int, shape: tuple[int, ...], *, counts: bool
+) -> _Layers:
+    """Lays `count` pictures over each other, the last one in front.
+
+    `show` returns which pixels a picture covers, and the index of the picture's pixel in each.
+    """
+    seen = jnp.zeros(shape, jnp.int32)
+    covered = []
+    for index in range(count):
+        hit, pixel = show(index)
+        seen = jnp.where(hit, ((index + 1) << INDEX_BITS) + pixel, seen)
+        covered.append(hit.sum(dtype=jnp.int32) if counts else 0)
+    return _Layers(seen, jnp.asarray(covered, jnp.int32))
 
 
 def _lay_groups(
@@ -271,24 +296,18 @@ def _cross_rows(
     )
 
 
-def _lay_over_each_other(rows: _CrossedRows, rays: Rays, *, counts: bool) -> _Layers:
-    """Lays the pictures of objects over each other, the last one in front."""
+def _show_upright(rows: _CrossedRows, rays: Rays, index: int) -> tuple[Array, Array]:
+    """Returns which pixels an upright picture covers, and the index of the picture's pixel there."""
     slope, middle, first, words = rows
-    side = 32 * len(words)
-    seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
-    covered = []
-    for index in range(len(slope)):
-        column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
-        word = words[0, index]
-        # The words of a row are selected one by one. A look-up for each pixel would not use the
-        # processor's vectors.
-        for part in range(1, side // 32):
-            word = jnp.where(column >= 32 * part, words[part, index], word)
-        opaque = (word >> (column & 31).astype(jnp.uint32)) & 1 > 0
-        hit = opaque & (column >= 0) & (column < side)
-        seen = jnp.where(hit, ((index + 1) << INDEX_BITS) + first[index] + column, seen)
-        covered.append(hit.sum(dtype=jnp.int32) if counts else 0)
-    return _Layers(seen, jnp.asarray(covered, jnp.int32))
+    column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
+    word = words[0, index]
+    # The words of a row are selected one by one. A look-up for each pixel would not use the
+    # processor's vectors.
+    for part in range(1, len(words)):
+        word = jnp.where(column >= 32 * part, words[part, index], word)
+    opaque = (word >> (column & 31).astype(jnp.uint32)) & 1 > 0
+    hit = opaque & (column >= 0) & (column < 32 * len(words))
+    return hit, first[index] + column
 
 
 def lie(
@@ -300,7 +319,7 @@ def lie(
     x: tuple[Float[Array, "rows _"], Float[Array, "rows _"]],
     y: tuple[Float[Array, "rows _"], Float[Array, "rows _"]],
     column: Int32[Array, " columns"],
-    count: int | None,
+    camera: Camera,
     *,
     counts: bool = False,
 ) -> SeenObjects:
@@ -316,8 +335,7 @@ def lie(
     away = jnp.hypot(east, south) + jnp.where(is_ahead, 0, _BEHIND)
     away = jnp.where(floor.indices >= 0, away, jnp.inf)
     # Ascending, because of two objects the later one is on top, as in datasets.
-    most = len(away) if count is None else min(count, len(away))
-    slots = jnp.sort(jax.lax.top_k(-away, most)[1])
+    slots = jnp.sort(jax.lax.top_k(-away, _limit(len(away), camera))[1])
     stride = 32 * billboards.opaque.shape[1]
     shape = len(x[0]), len(column)
 
@@ -330,36 +348,30 @@ def lie(
             for table in (billboards.first, billboards.rows, billboards.columns)
         )
 
-        def layers() -> _Layers:
-            seen = jnp.zeros(shape, jnp.int32)
-            covered = []
-            for number in range(len(near)):
-                east, south = x[0] - objects.x[near[number]], y[0] - objects.y[near[number]]
-                turn = cosine[number], sine[number]
-                # Tiles along the object's angle and to its right, which is downwards in the
-                # picture.
-                ahead, beside = _turn(east, south, turn)
-                ahead_step, beside_step = _turn(x[1], y[1], turn)
-                wide, high = columns[number], rows[number]
-                along = wide * TILE / floor.length[slot[number]]
-                sideways = high * TILE / floor.width[slot[number]]
-                # Both are linear in the column, because a row of pixels sees a line on the ground.
-                across = jnp.floor(wide / 2 + (ahead + ahead_step * column) * along)
-                below = jnp.floor(high / 2 + (beside + beside_step * column) * sideways)
-                # Comparisons with NaN are False, so a row without ground shows nothing.
-                inside = (across >= 0) & (across < wide) & (below >= 0) & (below < high)
-                inside &= shown[number]
-                across, below = (
-                    jnp.where(inside, part, 0).astype(jnp.int32) for part in (across, below)
-                )
-                row = first[number] + below
-                word = billboards.opaque.at[row, across >> 5].get(mode="promise_in_bounds")
-                hit = inside & ((word >> (across & 31).astype(jnp.uint32)) & 1 > 0)
-                seen = jnp.where(hit, ((number + 1) << INDEX_BITS) + row * stride + across, seen)
-                covered.append(hit.sum(dtype=jnp.int32) if counts else 0)
-            return _Layers(seen, jnp.asarray(covered, jnp.int32))
+        def show(number: int) -> tuple[Array, Array]:
+            east, south = x[0] - objects.x[near[number]], y[0] - objects.y[near[number]]
+            turn = cosine[number], sine[number]
+            # Tiles along the object's angle and to its right, which is downwards in the picture.
+            ahead, beside = _turn(east, south, turn)
+            ahead_step, beside_step = _turn(x[1], y[1], turn)
+            wide, high = columns[number], rows[number]
+            along = wide * TILE / floor.length[slot[number]]
+            sideways = high * TILE / floor.width[slot[number]]
+            # Both are linear in the column, because a row of pixels sees a line on the ground.
+            across = jnp.floor(wide / 2 + (ahead + ahead_step * column) * along)
+            below = jnp.floor(high / 2 + (beside + beside_step * column) * sideways)
+            # Comparisons with NaN are False, so a row without ground shows nothing.
+            inside = (across >= 0) & (across < wide) & (below >= 0) & (below < high)
+            inside &= shown[number]
+            across, below = (
+                jnp.where(inside, part, 0).astype(jnp.int32) for part in (across, below)
+            )
+            row = first[number] + below
+            word = billboards.opaque.at[row, across >> 5].get(mode="promise_in_bounds")
+            hit = inside & ((word >> (across & 31).astype(jnp.uint32)) & 1 > 0)
+            return hit, row * stride + across
 
-        return once(layers)
+        return once(lambda: _lay_over_each_other(show, len(near), shape, counts=counts))
 
     # Indices of -1 fill up a batch.
     is_object = floor.indices[slots] >= 0

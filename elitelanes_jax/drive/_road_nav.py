@@ -21,11 +21,17 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import REQUIRED, Record, option, static, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, UserValue
-from elitelanes_jax.drive._environment import Environment, Transition, checks_first, draw_level
+from elitelanes_jax.drive._environment import (
+    Environment,
+    Transition,
+    checks_first,
+    draw_level,
+    spl,
+)
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive.lanes import TURN_TAKEN
-from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
-from elitelanes_jax.network.codes import CONNECTIONS, SIDES
+from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement, step_towards
+from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.network.pytrees import pytree
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -205,16 +211,11 @@ def _step(
     after = state._replace(node=node, tiles=tiles)
 
     # The goal is a node: its tile has to be entered with its heading.
-    success = moves & (node.row == goal.row) & (node.column == goal.column)
-    success &= node.heading == goal.heading
+    success = moves & node.equals(goal)
     # Without a U-turn a dead end cannot be left.
     stuck = ~success & (jnp.asarray(CONNECTIONS)[grid[node.row, node.column]] < 2)
     earned = jnp.where(success, params.goal_reward, 0) - jnp.where(stuck, params.stuck_cost, 0)
-    # An agent that succeeds went through `shortest` tiles or more. XLA would multiply by a reciprocal
-    # of `tiles` in a batch of agents that started together.
-    spl = state.shortest / jnp.maximum(tiles, state.shortest)
-    spl = jnp.where(success, spl, 0).astype(jnp.float32)
-    info = RoadNavInfo(success, tiles, state.shortest, spl)
+    info = RoadNavInfo(success, tiles, state.shortest, spl(success, state.shortest, tiles))
     terminated = success | stuck
     seen = _observe(after, params)
     reward = jnp.asarray(earned - params.tile_cost, jnp.float32)
@@ -275,14 +276,10 @@ def _compass(node: LaneNode, goal: LaneNode) -> Array:
     # Tiles are at least 1 apart. The maximum only avoids a division by 0 on the goal's tile.
     scale = 1 / jnp.maximum(distance, 1)
     # The direction is turned from the map's frame to the agent's.
-    ahead_down, ahead_right = jnp.asarray(_AHEAD)[node.heading]
+    ahead_down, ahead_right = (part.astype(jnp.float32) for part in step_towards(node.heading))
     ahead = down * ahead_down + right * ahead_right
     left = down * -ahead_right + right * ahead_down
     return jnp.stack([ahead * scale, left * scale, distance])
-
-
-# The rows down and the columns right to the tile ahead, by heading.
-_AHEAD = np.array([(side.down, side.right) for side in SIDES], np.float32)
 
 
 RoadNav = Environment(_reset, _reset_to_level, _step, _observe, actions=3)

@@ -61,7 +61,7 @@ def _reset_to_level(
 def _put_on_slots(
     key: Key[Array, ""], level: Int[ArrayLike, ""], params: RoadTrafficParams
 ) -> tuple[RoadTrafficObservation, RoadTrafficState]:
-    level = _check_index("level", level, len(params.levels.grid))
+    level = _check_index(level, len(params.levels.grid))
     town = Town(params, level)
     placing, aiming = split(key)
     bits = random_bits(placing, (town.none * params.slots,))
@@ -90,13 +90,12 @@ def _put_on_slots(
     return _observe(state, params), state
 
 
-def _check_index(name: str, index: Int[ArrayLike, ""], count: int) -> Array:
+def _check_index(level: Int[ArrayLike, ""], count: int) -> Array:
     """Returns the index of a level as int32, limited to their number."""
-    array = jnp.asarray(index)
+    array = jnp.asarray(level)
     if array.shape != () or not jnp.issubdtype(array.dtype, jnp.integer):
-        raise InputError(
-            name, "the index of a level, a whole number", f"{array.dtype} {list(array.shape)}"
-        )
+        got = f"{array.dtype} {list(array.shape)}"
+        raise InputError("level", "the index of a level, a whole number", got)
     return jnp.clip(array, 0, count - 1).astype(jnp.int32)
 
 

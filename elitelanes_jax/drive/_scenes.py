@@ -1,7 +1,6 @@
 """Maps and pictures as arrays, from which `views` draws."""
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import jax
@@ -59,11 +58,7 @@ class SceneMap(NamedTuple):
     blend: Blend | None = None
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["maps", "pyramid", "tiles", "picture_counts", "billboards"],
-    meta_fields=["lane_offset", "tile_px"],
-)
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Scenes:
     """Maps, and the pictures that show them.
@@ -75,9 +70,9 @@ class Scenes:
       pyramid: uint32 ``[T, P]``, each picture of a tile in all sizes, from the largest to one
         pixel, row by row: red, green, blue and label from the lowest byte. Ground is black, and
         only what is not ground has the bit 64 of the label's byte.
-      tiles: int32 ``[16, V]``, the pictures that show each code, T indices.
-      picture_counts: int32 ``[16]``, the number of pictures that show each code. Columns after it
-        are not used.
+      tiles: int32 ``[16, V]``, the pictures that show each code, T indices. Shorter lists are
+        repeated.
+      picture_counts: int32 ``[16]``, the number of pictures that show each code.
       billboards: the pictures of objects; None without objects.
       lane_offset: tiles from the road's middle to the centre of a lane, in the tile set; static.
       tile_px: the side of the largest pictures of tiles in pixels; static.
@@ -88,8 +83,8 @@ class Scenes:
     tiles: Int32[Array, "16 V"]
     picture_counts: Int32[Array, " 16"]
     billboards: Billboards | None
-    lane_offset: float
-    tile_px: int
+    lane_offset: float = field(metadata={"static": True})
+    tile_px: int = field(metadata={"static": True})
 
     @property
     def sizes(self) -> tuple[int, ...]:

@@ -196,8 +196,8 @@ def draw_look(
         None if variation.gamma is None else 2 ** (_signed(numbers["gamma"][0]) * variation.gamma)
     )
     mixing, gains, offset = _mix_colours(numbers, variation)
-    kernel = _draw_kernel(numbers, variation)
     blur = numbers["blur"][0] * (0 if variation.blur is None else variation.blur)
+    kernel = _draw_kernel(numbers["motion"], blur, variation)
     noise = None
     if variation.noise is not None or camera.noise is not None:
         drawn = numbers["noise"][0] * (0 if variation.noise is None else variation.noise)
@@ -270,18 +270,16 @@ def _mix_colours(
     return None if all(span is None for span in ranges) else mixing, gain, offset[0]
 
 
-def _draw_kernel(numbers: dict[str, Array], variation: Variation) -> Array | None:
-    """Returns the kernel of a lens's blur after a streak of motion."""
+def _draw_kernel(motion: Array, blur: Array, variation: Variation) -> Array | None:
+    """Returns the kernel of a lens's blur after a streak of motion; None for neither."""
     if variation.motion is None and variation.blur is None:
         return None
     reach = jnp.arange(-_LENS, _LENS + 1)
     # A deviation of 0 would divide by 0. This small one leaves a single tap.
-    deviation = jnp.maximum(
-        numbers["blur"][0] * (0 if variation.blur is None else variation.blur), 1e-3
-    )
+    deviation = jnp.maximum(blur, 1e-3)
     taps = jnp.exp(-0.5 * (reach / deviation) ** 2)
     taps = taps / taps.sum()
-    length, turn = numbers["motion"]
+    length, turn = motion
     length = length * (0 if variation.motion is None else variation.motion)
     # Samples along the streak are rounded to pixels. A streak of at most 2.9 pixels reaches no
     # farther than the eight neighbours.
@@ -301,18 +299,15 @@ def _shifted(taps: Array, by: int) -> Array:
     return jnp.pad(taps, 1)[1 - by : len(taps) + 1 - by]
 
 
-def spread(size: int, grains: int) -> Float[NDArray, "size grains"]:
+def _spread(size: int, grains: int) -> Float[NDArray, "size grains"]:
     """Returns the matrix that stretches `grains` values over `size` pixels.
 
     Values are interpolated linearly between the centres of the grains.
     """
     # The positions are the centres of the pixels, counted in grains from the first grain's centre.
-    positions = np.clip((np.arange(size) + 0.5) * grains / size - 0.5, 0, grains - 1)
-    lower = np.minimum(positions.astype(int), grains - 2)
-    matrix = np.zeros((size, grains), np.float32)
-    matrix[np.arange(size), lower] = 1 - (positions - lower)
-    matrix[np.arange(size), lower + 1] = positions - lower
-    return matrix
+    positions = (np.arange(size) + 0.5) * grains / size - 0.5
+    weights = [np.interp(positions, np.arange(grains), grain) for grain in np.eye(grains)]
+    return np.stack(weights, axis=1).astype(np.float32)
 
 
 def _smooth(
@@ -321,9 +316,9 @@ def _smooth(
     """Returns smooth noise, -1 to 1, with `grains` grains along each side."""
     rows, columns = shape
     return (
-        spread(rows, grains)
+        _spread(rows, grains)
         @ _grid(fork(seed, grains), (grains, grains))
-        @ spread(columns, grains).T
+        @ _spread(columns, grains).T
     )
 
 

@@ -29,7 +29,6 @@ from elitelanes_jax.drive._wrapper_base import (
     HasParams,
     check_module,
     check_render,
-    picture_of,
     read_options,
 )
 
@@ -74,11 +73,11 @@ def gymnasium_vector_env(
       InputError: for options out of their range, another module, or a `render` that is no function.
     """
     check_module(params, gymnasium, "gymnasium", "gymnasium", "vector.AutoresetMode")
-    check_render(render)
+    draw = check_render(render)
     # An `AutoresetMode` is an enumeration, whose value is the name of the mode.
     words = getattr(autoreset_mode, "value", autoreset_mode)
     mode = check_named("autoreset_mode", one_of(NEXT_STEP, SAME_STEP, DISABLED), words)
-    batch, draw = Batch(environment, params, envs, mode), render
+    batch = Batch(environment, params, envs, mode)
     batch_space = gymnasium.vector.utils.batch_space
 
     class VectorEnv(HasParams, gymnasium.vector.VectorEnv):
@@ -88,8 +87,6 @@ def gymnasium_vector_env(
             self.metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
             self.metadata["autoreset_mode"] = gymnasium.vector.AutoresetMode(mode)
             self.render_mode = None if draw is None else "rgb_array"
-            # An attribute is copied with the environment, so a deep copy has states of its own.
-            self._batch = batch
             self.num_envs = batch.envs
             self.single_action_space, self.single_observation_space = batch.spaces(gymnasium.spaces)
             self.action_space = batch_space(self.single_action_space, batch.envs)
@@ -134,11 +131,7 @@ def gymnasium_vector_env(
 
         def render(self) -> tuple[np.ndarray, ...] | None:
             # Robots that share a state share its picture.
-            return (
-                None
-                if draw is None
-                else tuple(picture_of(draw, state) for state in self._batch.states("render"))
-            )
+            return None if draw is None else tuple(draw(self._batch))
 
         def get_attr(self, name: str) -> tuple[UserValue, ...]:
             return (getattr(self, name),) * batch.envs
@@ -154,7 +147,7 @@ def gymnasium_vector_env(
                 )
             self.params = params[0]
 
-    return VectorEnv().made()
+    return VectorEnv().made(batch)
 
 
 def _list_seeds(first: UserValue, envs: int) -> range:
@@ -262,21 +255,14 @@ def sb3_vec_env(
     """
     name = "stable_baselines3"
     check_module(params, stable_baselines3, name, name, "common.vec_env.VecEnv")
-    check_render(render)
+    draw = check_render(render)
     base: Untyped = stable_baselines3.common.vec_env.base_vec_env
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
-    draw = render
 
     class VecEnv(HasParams, base.VecEnv):
         """The environments."""
 
         render_mode = None if draw is None else "rgb_array"
-
-        def __init__(self) -> None:
-            # An attribute is copied with the environment, so a deep copy has states of its own.
-            self._batch = batch
-            action_space, observation_space = batch.spaces(base.spaces)
-            super().__init__(batch.envs, observation_space, action_space)
 
         def reset(self) -> np.ndarray:
             try:
@@ -307,7 +293,7 @@ def sb3_vec_env(
                     "sb3_vec_env: expected render, to get pictures, got none", stacklevel=2
                 )
                 return [None] * batch.envs
-            return [picture_of(draw, state) for state in self._batch.states("render")]
+            return draw(self._batch)
 
         def get_attr(self, attr_name: str, indices: UserValue = None) -> list[UserValue]:
             # The environments are one object.
@@ -341,7 +327,8 @@ def sb3_vec_env(
         ) -> list[bool]:
             return [False for _ in self._get_indices(indices)]
 
-    return VecEnv().made()
+    action_space, observation_space = batch.spaces(base.spaces)
+    return VecEnv(batch.envs, observation_space, action_space).made(batch)
 
 
 def _last_info(done: Outcome, index: int) -> dict[str, Untyped]:
@@ -397,11 +384,6 @@ def puffer_env(
         )
         num_agents = batch.envs
 
-        def __init__(self) -> None:
-            # An attribute is copied with the environment, so a deep copy has states of its own.
-            self._batch = batch
-            super().__init__(buf)
-
         def reset(self, seed: int | None = None) -> tuple[np.ndarray, list[dict[str, float]]]:
             seeds = _list_seeds(start if seed is None else seed, batch.envs)
             # PufferLib reads these arrays, so they are filled and not replaced.
@@ -426,7 +408,7 @@ def puffer_env(
         def close(self) -> None:
             pass
 
-    return PufferEnv().made()
+    return PufferEnv(buf).made(batch)
 
 
 def _check_workers(pufferlib: Untyped) -> None:

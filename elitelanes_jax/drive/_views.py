@@ -154,21 +154,15 @@ def _check_arguments(
 
 
 @runs_jax
+@partial(jax.jit, static_argnames=("batch", "samples"))
+@divide_batches
 def _draw(
     key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int
 ) -> Views:
     # Arrays of several ranks and dtypes are mixed here, which settings of JAX may forbid.
     with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
-        return _draw_batch(key, scenes, camera, variation, batch=batch, samples=samples)
-
-
-@partial(jax.jit, static_argnames=("batch", "samples"))
-@divide_batches
-def _draw_batch(
-    key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int
-) -> Views:
-    plans = plan_views(key, jnp.arange(batch), scenes, camera, variation, samples=samples)
-    drawn = draw_views(scenes, plans)
+        plans = plan_views(key, jnp.arange(batch), scenes, camera, variation, samples=samples)
+        drawn = draw_views(scenes, plans)
     pixels = jax.lax.bitcast_convert_type(drawn.words, jnp.uint8)
     return Views(
         pixels[..., :3], pixels[..., 3], plans.lane, plans.pose, plans.map, drawn.instances

@@ -28,26 +28,29 @@ def check_module(params: Params, module: Untyped, name: str, argument: str, need
         raise InputError("params", expected, shorten(repr(params)))
 
 
-def check_render(render: UserValue) -> None:
-    """Checks the function that draws a state, or None."""
-    if render is not None and not callable(render):
+def check_render(render: UserValue) -> Callable[[Batch], list[NDArray[np.uint8]]] | None:
+    """Returns a function that draws a picture of each environment of a batch; None without `render`.
+
+    `render` takes a state. Raises `InputError` if it is no function. The returned function raises
+    it if `render` returns no picture.
+    """
+    if render is None:
+        return None
+    if not callable(render):
         raise InputError(
             "render",
             "a function that takes a state and returns a picture, or None",
             shorten(repr(render)),
         )
 
+    def draw(state: Pytree) -> NDArray[np.uint8]:
+        picture = np.asarray(render(state))
+        if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+            got = f"{picture.dtype} {list(picture.shape)}"
+            raise InputError("render", "a function that returns a picture uint8 [H, W, 3]", got)
+        return picture
 
-def picture_of(render: Callable[[Pytree], UserValue], state: Pytree) -> NDArray[np.uint8]:
-    """Returns the picture that a function draws of a state.
-
-    Raises `InputError` if it draws none.
-    """
-    picture = np.asarray(render(state))
-    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
-        got = f"{picture.dtype} {list(picture.shape)}"
-        raise InputError("render", "a function that returns a picture uint8 [H, W, 3]", got)
-    return picture
+    return lambda batch: list(map(draw, batch.states("render")))
 
 
 def read_options(options: UserValue, *known: str) -> Mapping[str, UserValue]:
@@ -102,8 +105,10 @@ class HasParams:
             )
         super().__setattr__(name, value)
 
-    def made(self: W) -> W:
-        """Returns the environment, which is complete from here on."""
+    def made(self: W, batch: Batch) -> W:
+        """Returns the environment with its batch, complete from here on."""
+        # An attribute is copied with the environment, so a deep copy has states of its own.
+        self._batch = batch
         self._is_made = True
         return self
 

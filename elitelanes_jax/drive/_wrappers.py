@@ -35,7 +35,6 @@ from elitelanes_jax.drive._wrapper_base import (
     HasParams,
     check_module,
     check_render,
-    picture_of,
     read_options,
 )
 from elitelanes_jax.network.bits import seed_key
@@ -275,9 +274,9 @@ def gymnasium_env(
     """
     _check_alone(environment)
     check_module(params, gymnasium, "gymnasium", "gymnasium", "Env")
-    check_render(render)
+    draw = check_render(render)
     # Gymnasium's environments do not reset by themselves.
-    batch, draw = Batch(environment, params, 1, DISABLED), render
+    batch = Batch(environment, params, 1, DISABLED)
     shape, whole = action_shape(environment, params).shape, environment.actions is not None
 
     class Env(HasParams, gymnasium.Env):
@@ -286,10 +285,6 @@ def gymnasium_env(
         metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
         render_mode = None if draw is None else "rgb_array"
         action_space, observation_space = batch.spaces(gymnasium.spaces)
-
-        def __init__(self) -> None:
-            # An attribute is copied with the environment, so a deep copy has a state of its own.
-            self._batch = batch
 
         def reset(
             self, *, seed: int | None = None, options: Untyped = None
@@ -310,6 +305,6 @@ def gymnasium_env(
             return done.observation[0], float(done.reward[0]), *ended, metrics
 
         def render(self) -> Untyped:
-            return None if draw is None else picture_of(draw, self._batch.states("render")[0])
+            return None if draw is None else draw(self._batch)[0]
 
-    return Env().made()
+    return Env().made(batch)

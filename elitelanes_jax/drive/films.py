@@ -1,17 +1,17 @@
 """Rides as films, the camera next to the map, or as trails on the map."""
 
 import errno
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import islice
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int32, UInt8
+from jaxtyping import Array, Int8, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
@@ -21,8 +21,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.drive._billboards import Billboards, make_billboards
-from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
+from elitelanes_jax.drive._camera import Camera, Sight, look, pack_sight
 from elitelanes_jax.drive._levels import Level
 from elitelanes_jax.drive._objects import Objects, make_objects
 from elitelanes_jax.drive.lanes import Pose, lane_point
@@ -97,6 +96,7 @@ def trails(
       InputError: for a map that the tiles cannot draw (see `render`), or rides on another map.
     """
     check_named("tiles", instance(TileSet), tiles)
+    check_named("rides", instance(Rides), rides)
     road_map = _map_of(rides, source)
     picture = render(road_map, tiles, tile_px=tile_px, chosen=chosen).image.copy()
     goals = _goals(rides.levels, tiles.lane_offset)
@@ -107,7 +107,6 @@ def trails(
 
 def _map_of(rides: Rides, source: UserValue) -> RoadMap:
     """Returns the map of rides; raises `InputError` if the rides are on another one."""
-    check_named("rides", instance(Rides), rides)
     road_map = as_map(source)
     # Levels have links alone, so the map is compared without other connections.
     driven_codes = np.asarray(rides.levels.grid)
@@ -150,25 +149,30 @@ def film(
     # The camera draws objects itself, in front of the tiles. The map beside it needs them in its
     # picture.
     picture = render(road_map.codes, tiles, tile_px=size, chosen=chosen)
-    scene = _make_scene(road_map, picture, size)
+    # A map without objects has None.
+    objects = jax.tree.map(itemgetter(0), make_objects([road_map]))
+    see = partial(_see, _make_sight(picture, size, road_map), objects, road_map.codes)
     if road_map.objects:
         picture = render(road_map, tiles, tile_px=size, chosen=chosen)
     background, side = _shrink(picture.image, road_map.codes.shape)
     goal = _goals(rides.levels, tiles.lane_offset)[index]
     # The frames are drawn later, when the caller may have written to its arrays.
     rides = jax.tree.map(frozen_copy, rides)
-    return _draw_frames(rides, index, scene, background, side, goal)
+    return _draw_frames(rides, index, see, background, side, goal)
 
 
 def _draw_frames(
     rides: Rides,
     index: int,
-    scene: "_Scene",
+    see: Callable[[Pose], Array],
     background: NDArray[np.uint8],
     side: float,
     goal: NDArray[np.float32],
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yields the frames of a ride on the picture of its map, whose tiles have a side in pixels."""
+    """Yields the frames of a ride on the picture of its map, whose tiles have a side in pixels.
+
+    `see` returns the camera's pictures at poses.
+    """
     x, y, theta = rides.x[index], rides.y[index], rides.theta[index]
     last = int(rides.steps[index])
     for start in range(0, last + 1, _BATCH):
@@ -176,7 +180,7 @@ def _draw_frames(
         # program.
         steps = np.minimum(np.arange(start, start + _BATCH), last)
         poses = Pose(x[steps], y[steps], theta[steps])
-        views = np.asarray(_look(poses, scene))
+        views = np.asarray(see(poses))
         for step, view in zip(range(start, last + 1), views, strict=False):
             plan = background.copy()
             _draw_trail(plan, rides, index, step, goal, side)
@@ -184,40 +188,13 @@ def _draw_frames(
             yield np.concatenate([view, plan], axis=1)
 
 
-class _Scene(NamedTuple):
-    """What the camera of a film looks at.
-
-    Attributes:
-      cells: int32 ``[H, W]``, the index of each cell's picture in the atlas.
-      atlas: uint8 ``[H·W, P, P, 4]``, the picture of each cell, from `make_atlas`.
-      camera: the options of the camera.
-      objects: the objects of the map; None without any.
-      billboards: the pictures of objects; None without objects.
-    """
-
-    cells: Int32[Array, "H W"]
-    atlas: UInt8[Array, "T P P 4"]
-    camera: Camera
-    objects: Objects | None
-    billboards: Billboards | None
-
-
-def _make_scene(road_map: RoadMap, picture: Picture, size: int) -> _Scene:
-    """Returns the scene of a map.
-
-    `picture` is of the map without its objects, which stand on it.
-    """
-    codes = road_map.codes
-    # Each cell has its own picture, because blended tiles all differ.
-    atlas = make_atlas(_cells(picture.image, size), _cells(picture.labels, size))
-    cells = jnp.arange(codes.size, dtype=jnp.int32).reshape(codes.shape)
+def _make_sight(picture: Picture, size: int, road_map: RoadMap) -> Sight:
+    """Returns what the camera sees of a map, from the map's picture without its objects."""
     camera = Camera(rows=_HEIGHT, columns=_VIEW_WIDTH, objects=_MOST_SEEN)
-    objects = None
-    billboards = None
-    if road_map.objects:
-        objects = jax.tree.map(itemgetter(0), make_objects([road_map]))
-        billboards = make_billboards(load_objects().views_by_kind)
-    return _Scene(cells, atlas, camera, objects, billboards)
+    views = load_objects().views_by_kind if road_map.objects else None
+    # Each cell has its own picture, because blended tiles all differ. `_see` chooses it.
+    images, labels = _cells(picture.image, size), _cells(picture.labels, size)
+    return pack_sight(images, labels, {0: [(0, 0)]}, camera, views)
 
 
 def _shrink(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> tuple[NDArray[np.uint8], float]:
@@ -249,20 +226,15 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 
 @runs_jax
 @jax.jit
-def _look(poses: Pose, scene: _Scene) -> UInt8[Array, "N rows columns 3"]:
+def _see(
+    sight: Sight, objects: Objects | None, grid: Int8[Array, "H W"], poses: Pose
+) -> UInt8[Array, "N rows columns 3"]:
     """Returns the camera's picture at each pose.
 
-    A film has no noise, so the seed does not matter.
+    The sight has a picture for each cell of the grid, row by row.
     """
-
-    def look_from(pose: Pose) -> Array:
-        seed = jnp.uint32(0)
-        view = render_view(
-            seed, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards
-        )
-        return view.image
-
-    return jax.vmap(look_from)(poses)
+    pictures = np.stack(np.divmod(np.arange(grid.size), 4), axis=-1).reshape(*grid.shape, 2)
+    return jax.vmap(lambda pose: look(pose, grid, sight, objects, chosen=pictures).image)(poses)
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
@@ -351,15 +323,12 @@ def _draw_trail(
     colour = _COLOURS[index % len(_COLOURS)]
     points = np.stack([rides.x[index], rides.y[index]], axis=1)[: int(steps) + 1]
     thick = max(round(side * _LINE), 1)
-    dots = _dots(points, side)
-    cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)
-    start = dots[0, 0].tolist()
-    radius = round(side * _START_RADIUS * 2**_BITS)
+    cv2.polylines(picture, [_dots(points, side)], False, colour, thick, cv2.LINE_AA, _BITS)
     # OpenCV fills a circle whose thickness is -1.
-    cv2.circle(picture, start, radius, colour, -1, cv2.LINE_AA, _BITS)
-    ring = _dots(goal, side)[0, 0].tolist()
-    radius = round(side * _GOAL_RADIUS * 2**_BITS)
-    cv2.circle(picture, ring, radius, colour, thick, cv2.LINE_AA, _BITS)
+    for middle, share, thickness in ((points[0], _START_RADIUS, -1), (goal, _GOAL_RADIUS, thick)):
+        dot = _dots(middle, side)[0, 0].tolist()
+        radius = round(side * share * 2**_BITS)
+        cv2.circle(picture, dot, radius, colour, thickness, cv2.LINE_AA, _BITS)
 
 
 def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, side: float) -> None:

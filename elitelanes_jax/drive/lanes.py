@@ -42,17 +42,19 @@ from elitelanes_jax.lanes.curves import (
     on_road,
 )
 from elitelanes_jax.lanes.links import linked_codes
-from elitelanes_jax.lanes.movements import MOVEMENTS, Movement, movements_of, no_lane_error
+from elitelanes_jax.lanes.movements import (
+    MOVEMENTS,
+    Movement,
+    movements_of,
+    no_lane_error,
+    step_towards,
+)
 from elitelanes_jax.network.bits import uniform
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import vary_together
 
-# These tables are read by heading: rows down and columns right to the next tile, and the angle.
-_DOWN = np.array([side.down for side in SIDES], np.int32)
-_ACROSS = np.array([side.right for side in SIDES], np.int32)
-
+# The angle of each heading.
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
 _BEND = lane_bends(np.float32)
 
@@ -214,10 +216,7 @@ def lane_errors(
     """
     forward, left = _from_entry(pose, movement)
     turned = pose.theta - _choose(_ANGLE, movement.heading)
-    bend, radius = (
-        _choose(_BEND, movement.turn),
-        _choose(lane_radii(lane_offset, np.float32), movement.turn),
-    )
+    bend, radius = _arc_of(movement, lane_offset)
     # With `forward`, this is the position relative to the centre of an arc.
     across = 0.5 - bend * left
     angle = jnp.arctan2(forward, across)
@@ -239,18 +238,14 @@ def lane_point(
     The position is `s` tiles along the lane and `d` tiles to the left of its centre. It may be
     beyond the lane's end.
     """
-    bend, radius = (
-        _choose(_BEND, movement.turn),
-        _choose(lane_radii(lane_offset, np.float32), movement.turn),
-    )
+    bend, radius = _arc_of(movement, lane_offset)
     angle = s / radius
     straight = bend == 0
     forward = jnp.where(straight, s, (radius - bend * d) * jnp.sin(angle))
     left = jnp.where(straight, d - lane_offset, bend * (0.5 - (radius - bend * d) * jnp.cos(angle)))
-    ahead_x, ahead_y = _towards(movement)
-    west, north = (jnp.asarray(part, jnp.float32) for part in (movement.column, movement.row))
-    x = west + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
-    y = north + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
+    (x, y), (ahead_x, ahead_y) = _frame_of(movement)
+    x = x + (forward - 0.5) * ahead_x + left * ahead_y
+    y = y + (forward - 0.5) * ahead_y - left * ahead_x
     return Pose(x, y, wrap_angle(_choose(_ANGLE, movement.heading) + bend * angle))
 
 
@@ -457,18 +452,25 @@ def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
 
     The first distance is forward, and the second one to the left.
     """
-    west, north = (jnp.asarray(part, jnp.float32) for part in (movement.column, movement.row))
-    east, south = pose.x - (west + 0.5), pose.y - (north + 0.5)
-    ahead_x, ahead_y = _towards(movement)
+    (x, y), (ahead_x, ahead_y) = _frame_of(movement)
+    east, south = pose.x - x, pose.y - y
     return east * ahead_x + south * ahead_y + 0.5, east * ahead_y - south * ahead_x
 
 
-def _towards(movement: Movement) -> tuple[Array, Array]:
-    """Returns the tiles that a movement goes east and south where it enters its tile, as floats."""
-    ahead_x, ahead_y = (
-        _choose(table.astype(np.float32), movement.heading) for table in (_ACROSS, _DOWN)
-    )
-    return ahead_x, ahead_y
+def _frame_of(movement: Movement) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Returns the middle of a movement's tile, and the direction in which the tile is entered.
+
+    Both are in tiles east and south.
+    """
+    x, y = (jnp.asarray(part, jnp.float32) + 0.5 for part in (movement.column, movement.row))
+    down, right = step_towards(jnp.asarray(movement.heading, jnp.int32))
+    return (x, y), (right.astype(jnp.float32), down.astype(jnp.float32))
+
+
+def _arc_of(movement: Movement, lane_offset: float) -> tuple[Array, Array]:
+    """Returns how a movement's lane bends, -1 right, 0 straight, 1 left, and its radius in tiles."""
+    radii = lane_radii(lane_offset, np.float32)
+    return _choose(_BEND, movement.turn), _choose(radii, movement.turn)
 
 
 def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:

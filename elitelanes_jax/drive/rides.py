@@ -153,18 +153,11 @@ def make_rides(
     # Without a camera the driver observes its lane, and no picture is rendered.
     camera = getattr(policy, "camera", None)
     if camera is not None:
-        params = _with_camera(params, camera, tiles)
+        check_named("policy", instance(Camera), camera)
+        sight = make_sight(tiles, camera, tile_px=_SIGHT_PX)
+        params = params.replace(observe="camera", sight=sight)
     steps = max(round(seconds * RATE), 1)
     return _drive(policy, ride_key, params, steps)
-
-
-def _with_camera(
-    params: LaneDriveParams, camera: UserValue, tiles: TileSet | None
-) -> LaneDriveParams:
-    """Returns options of an environment whose observations are a camera's pictures."""
-    camera = check_named("policy", instance(Camera), camera)
-    sight = make_sight(tiles, camera, tile_px=_SIGHT_PX)
-    return params.replace(observe="camera", sight=sight)
 
 
 def _drive(policy: str | Policy, key: Array, params: LaneDriveParams, steps: int) -> Rides:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int32, Shaped, UInt32
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
@@ -19,7 +19,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._billboards import Billboards, Floor, pack_billboards
-from elitelanes_jax.drive._camera import Sight, pack_sight
+from elitelanes_jax.drive._camera import Sight, list_tiles, pack_sight
 from elitelanes_jax.drive._objects import stack_objects
 from elitelanes_jax.drive._scenes import PAVED, Blend, SceneMap, Scenes, halved_sizes
 from elitelanes_jax.drive.camera_options import Camera
@@ -58,7 +58,9 @@ def make_sight(
     """
     tiles = _check_tiles(tiles)
     _check_objects(objects)
-    scaled = scale_tiles(tiles, check_tile_px(tile_px))
+    tile_px = check_tile_px(tile_px)
+    camera = Camera() if camera is None else check_named("camera", instance(Camera), camera)
+    scaled = scale_tiles(tiles, tile_px)
     views = None if objects is None else objects.views_by_kind
     return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, views)
 
@@ -272,21 +274,17 @@ def _stack_maps(
     """
     # The border is one empty cell wide. Points beyond the map are read there.
     height, width = (
-        max(least, *(road_map.codes.shape[axis] for road_map in road_maps))
+        max(least, *(road_map.codes.shape[axis] for road_map in road_maps)) + 2
         for axis, least in enumerate(room[:2])
     )
-    codes = np.zeros((len(road_maps), height + 2, width + 2), np.int32)
-    links = np.zeros_like(codes)
+    lanes = [_lanes_of(road_map.codes) for road_map in road_maps]
+    codes = _pad_cells([road_map.codes for road_map in road_maps], (height, width), 0, np.int32)
+    links = _pad_cells([lanes_of_map.links for lanes_of_map in lanes], (height, width), 0, np.int32)
     # Lists of movements have different lengths. `counts` tells how many rows are used.
-    lanes = [_lanes_of(np.asarray(road_map.codes)) for road_map in road_maps]
     counts = np.array([len(lanes_of_map.movements) for lanes_of_map in lanes], np.int32)
     movements = np.zeros((len(road_maps), max(room.movements, counts.max()), 4), np.int32)
-    for index, road_map in enumerate(road_maps):
-        rows, columns = road_map.codes.shape
-        inside = (index, slice(1, rows + 1), slice(1, columns + 1))
-        codes[inside] = road_map.codes
-        links[inside] = lanes[index].links
-        movements[index, : counts[index]] = lanes[index].movements
+    for index, lanes_of_map in enumerate(lanes):
+        movements[index, : counts[index]] = lanes_of_map.movements
     scene_maps = SceneMap(
         jnp.asarray(codes), jnp.asarray(links), jnp.asarray(movements), jnp.asarray(counts)
     )
@@ -359,32 +357,38 @@ def pack_scenes(
     """
     maps = _stack_maps(road_maps, pictures, room, shown)
     if chosen is not None:
-        shape, ground = maps.codes.shape, 4 * (len(tiles.pictures) - 1)
-        cells = _pad_cells([choice @ (4, 1) for choice in chosen], shape, ground)
-        maps = maps._replace(cells=cells.astype(jnp.int32))
+        count, *shape = maps.codes.shape
+        ground = 4 * (len(tiles.pictures) - 1)
+        cells = _pad_cells([choice @ (4, 1) for choice in chosen], shape, ground, np.int32)
+        maps = maps._replace(cells=jnp.asarray(cells.reshape(count, -1)))
         if tiles.blend:
             light = [
                 solve_light(road_map.codes, tiles, choice)
                 for road_map, choice in zip(road_maps, chosen, strict=True)
             ]
             # Beyond the map the light does not change.
-            tones = _pad_cells(light, shape, np.array([1.0, 0.0])).astype(jnp.float32)
-            maps = maps._replace(blend=Blend(tones, maps.links.reshape(len(light), -1)))
+            tones = _pad_cells(light, shape, np.array([1.0, 0.0]), np.float32)
+            blend = Blend(
+                jnp.asarray(tones.reshape(count, -1, 3, 2)), maps.links.reshape(count, -1)
+            )
+            maps = maps._replace(blend=blend)
     packed = _pack_tiles(tiles, tile_px)
     billboards = None if pictures is None else pictures.pack()
     return Scenes(maps, *packed, billboards, tiles.lane_offset, tile_px)
 
 
 def _pad_cells(
-    values: Sequence[NDArray], shape: tuple[int, ...], outside: Numeric
-) -> Shaped[Array, "M N ..."]:
-    """Stacks the cells' values of maps, with the value `outside` for cells beyond a map."""
-    count, height, width = shape
-    padded = np.empty((count, height, width, *values[0].shape[2:]), values[0].dtype)
+    values: Sequence[NDArray], shape: Sequence[int], outside: Numeric, dtype: DTypeLike
+) -> Shaped[NDArray, "M H W ..."]:
+    """Stacks the cells' values of maps inside of a border.
+
+    `shape` has the rows and columns with the border, and cells beyond a map get the value `outside`.
+    """
+    padded = np.empty((len(values), *shape, *values[0].shape[2:]), dtype)
     padded[:] = outside
     for index, cells in enumerate(values):
         padded[index, 1 : cells.shape[0] + 1, 1 : cells.shape[1] + 1] = cells
-    return jnp.asarray(padded.reshape(count, height * width, *padded.shape[3:]))
+    return padded
 
 
 @lru_cache(maxsize=4)
@@ -392,21 +396,8 @@ def _pack_tiles(
     tiles: TileSet, tile_px: int
 ) -> tuple[UInt32[Array, "T P"], Int32[Array, "16 V"], Int32[Array, " 16"]]:
     """Returns the fields of `Scenes` with the pictures of tiles."""
-    table, counts = _list_pictures(tiles)
+    table, counts = list_tiles(tiles.rotations)
     return _make_pyramid(tiles, tile_px), jnp.asarray(table), jnp.asarray(counts)
-
-
-def _list_pictures(tiles: TileSet) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Lists the pictures of each code, and how many there are.
-
-    A code without any has those of code 0.
-    """
-    shown = [tiles.rotations.get(code, tiles.rotations[0]) for code in range(16)]
-    counts = np.array([len(pictures) for pictures in shown], np.int32)
-    table = np.zeros((16, counts.max()), np.int32)
-    for code, pictures in enumerate(shown):
-        table[code, : len(pictures)] = [4 * tile + turns for tile, turns in pictures]
-    return table, counts
 
 
 def _make_pyramid(tiles: TileSet, tile_px: int) -> UInt32[Array, "T P"]:

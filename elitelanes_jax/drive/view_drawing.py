@@ -19,7 +19,7 @@ from elitelanes_jax.drive._ground import (
     look_up,
     take_points,
 )
-from elitelanes_jax.drive._objects_seen import Rays, lie, see_objects
+from elitelanes_jax.drive._objects_seen import Rays, SeenObjects, lie, see_objects
 from elitelanes_jax.drive._scenes import PAVED, Scenes
 from elitelanes_jax.drive._variation import lay_background, photograph
 from elitelanes_jax.drive._view_plans import Plan, plan_views
@@ -46,17 +46,8 @@ def draw_views(scenes: Scenes, plans: Plan) -> DrawnView:
     """Draws a batch of views."""
     # A processor draws one view at a time, because the arrays of one view fit its caches. A GPU
     # needs many views to be busy.
-    return jax.lax.platform_dependent(
-        plans, cpu=partial(_draw_each, scenes), default=partial(_draw_all, scenes)
-    )
-
-
-def _draw_each(scenes: Scenes, plans: Plan) -> DrawnView:
-    return jax.lax.map(partial(_draw_view, scenes), plans)
-
-
-def _draw_all(scenes: Scenes, plans: Plan) -> DrawnView:
-    return jax.vmap(partial(_draw_view, scenes))(plans)
+    draw = partial(_draw_view, scenes)
+    return jax.lax.platform_dependent(plans, cpu=partial(jax.lax.map, draw), default=jax.vmap(draw))
 
 
 @partial(jax.jit, static_argnames="room")
@@ -120,7 +111,7 @@ def _draw_view(scenes: Scenes, plan: Plan, *, interpolates: bool = False) -> Dra
     near = plan.centres.is_near if interpolates else None
     # Colours are means of samples. Labels and objects' indices are those at pixels' centres,
     # because means of them have no meaning.
-    fine = _stand(plan, scenes, samples, plan.samples)
+    fine = _find_objects(plan, scenes, samples, plan.samples)
     red_blue, green_paved, above = once(
         lambda: _sum_samples(plan, scenes, samples, fine, centre, near)
     )
@@ -134,70 +125,48 @@ def _draw_view(scenes: Scenes, plan: Plan, *, interpolates: bool = False) -> Dra
     red, green, blue = photograph(image, plan.look)
     word = look_up(centre, plan.cells, scenes, None)
     label = jnp.where(is_ground, word >> 24 & (PAVED - 1), 0)
-    standing = _stand(plan, scenes, 1, plan.centres, counts=interpolates)
+    objects = _find_objects(plan, scenes, 1, plan.centres, counts=interpolates)
     instances = covered = None
-    if standing is not None:
-        label = jnp.where(standing.hit, 0, label)
-        instances, covered = standing.instances, standing.covered
+    if objects is not None:
+        seen = objects.seen
+        label = jnp.where(seen.hit, 0, label)
+        instances, covered = seen.instances, seen.covered
     words = once(lambda: red | green << 8 | blue << 16 | label << 24)
     return DrawnView(words, instances, covered)
 
 
-class _Standing(NamedTuple):
+class _ColouredObjects(NamedTuple):
     """The objects in a view, for each sample.
 
     Attributes:
-      hit: bool ``[rows, columns]``, whether an object is seen.
+      seen: the objects.
       colours: uint32 ``[rows, columns]``, red, green and blue from the lowest byte.
-      instances: int32 ``[rows, columns]``, the index of the object plus 1.
-      covered: int32 ``[O]``, see `DrawnView`; None if they are not counted.
     """
 
-    hit: Bool[Array, "rows columns"]
+    seen: SeenObjects
     colours: UInt32[Array, "rows columns"]
-    instances: Int32[Array, "rows columns"]
-    covered: Int32[Array, " O"] | None
 
 
-def _stand(
+def _find_objects(
     plan: Plan, scenes: Scenes, samples: int, ground: Rows, *, counts: bool = False
-) -> _Standing | None:
-    """Draws the objects; `ground` is where the rows of samples meet it."""
+) -> _ColouredObjects | None:
+    """Finds the objects in a view; `ground` is where the rows of samples meet it."""
     objects, pictures, billboards = plan.objects, plan.pictures, scenes.billboards
     if objects is None or pictures is None or billboards is None:
         return None
     camera = plan.camera
     rays: Rays = once(lambda: rays_of(camera, samples))
     shown = plan.pose, objects
-    seen = see_objects(
-        *shown,
-        pictures,
-        billboards,
-        rays,
-        camera.height,
-        camera.forward,
-        camera.objects,
-        counts=counts,
-    )
+    seen = see_objects(*shown, pictures, billboards, rays, camera, counts=counts)
     if plan.floor is not None:
         # Objects on the floor are behind all standing ones.
         column = jnp.arange(camera.columns * samples) - camera.columns * samples // 2
-        x, y = _lines_in_tiles(ground)
-        seen = seen.over(
-            lie(
-                *shown,
-                plan.floor,
-                pictures,
-                billboards,
-                x,
-                y,
-                column,
-                camera.objects,
-                counts=counts,
-            )
+        lines = _lines_in_tiles(ground)
+        on_floor = lie(
+            *shown, plan.floor, pictures, billboards, *lines, column, camera, counts=counts
         )
-    colours = billboards.pixels.at[seen.pixel].get(mode="promise_in_bounds")
-    return _Standing(seen.hit, colours, seen.instances, seen.covered)
+        seen = seen.over(on_floor)
+    return _ColouredObjects(seen, seen.colours(billboards))
 
 
 def _lines_in_tiles(ground: Rows) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -215,7 +184,7 @@ def _sum_samples(
     plan: Plan,
     scenes: Scenes,
     samples: int,
-    standing: _Standing | None,
+    objects: _ColouredObjects | None,
     centre: Points,
     near: Bool[Array, "rows _"] | None,
 ) -> tuple[Array, Array, Array]:
@@ -233,9 +202,9 @@ def _sum_samples(
     above = jnp.zeros((rows, 1), jnp.uint32)
     weights = None
     if near is not None:
-        if standing is not None:
+        if objects is not None:
             # The samples of an object have equal weights.
-            hits = [standing.hit[i % 2 :: 2, i // 2 :: 2] for i in range(4)]
+            hits = [objects.seen.hit[i % 2 :: 2, i // 2 :: 2] for i in range(4)]
             near &= ~(hits[0] | hits[1] | hits[2] | hits[3])
         weights = interpolation_weights(centre, near, scenes.tile_px)
     for down in range(samples):
@@ -245,8 +214,9 @@ def _sum_samples(
                 points = interpolate(centre, near, points, down, right, scenes.tile_px)
             word = jnp.where(seen, look_up(points, plan.cells, scenes, plan.blend), 0)
             is_sky = ~seen
-            if standing is not None:
-                hit, colours = (layer[down::samples, right::samples] for layer in standing[:2])
+            if objects is not None:
+                layers = objects.seen.hit, objects.colours
+                hit, colours = (layer[down::samples, right::samples] for layer in layers)
                 # The bit `PAVED` also marks objects, which hide the background.
                 word = jnp.where(hit, colours | PAVED << 24, word)
                 is_sky &= ~hit

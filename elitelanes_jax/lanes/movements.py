@@ -99,6 +99,11 @@ class LaneNode(NamedTuple):
     column: Whole
     heading: Whole
 
+    def equals(self, other: "LaneNode") -> Whole:
+        """Returns whether it is another node, for arrays element by element."""
+        is_tile = (self.row == other.row) & (self.column == other.column)
+        return is_tile & (self.heading == other.heading)
+
     @property
     def tile(self) -> Cell:
         """Its row and column."""

@@ -150,7 +150,7 @@ def test_pictures_are_those_of_the_slow_oracle(crowded, variation):
 def layers_of(scenes, plan):
     """Roads and objects, their share, and the share of the sky, without variation."""
     centre, _ = take_points(plan.centres, plan.lines, plan.camera.columns)
-    sums = drawing._sum_samples(plan, scenes, 2, drawing._stand(plan, scenes, 2, plan.samples), centre, None)
+    sums = drawing._sum_samples(plan, scenes, 2, drawing._find_objects(plan, scenes, 2, plan.samples), centre, None)
     red_blue, green_paved, above = sums
     road = [part / 4 for part in (red_blue & 0xFFFF, green_paved & 0xFFFF, red_blue >> 16)]
     return road, (green_paved >> 16) / (4 * 64), above / 4
@@ -172,7 +172,8 @@ def test_a_view_depends_on_the_key_and_its_index_alone(scenes, batch):
 @pytest.mark.slow
 def test_all_at_once_draws_what_is_drawn_one_by_one(crowded):
     plans = plans_of(jax.random.key(5), crowded, 2, variation=Variation.varied())
-    each, at_once = (jax.jit(partial(way, crowded))(plans) for way in (drawing._draw_each, drawing._draw_all))
+    draw = partial(drawing._draw_view, crowded)
+    each, at_once = (jax.jit(way)(plans) for way in (partial(jax.lax.map, draw), jax.vmap(draw)))
     np.testing.assert_array_equal(each.instances, at_once.instances)
     colours = [np.asarray(drawn.words).view(np.uint8).astype(int) for drawn in (each, at_once)]
     assert np.abs(colours[0] - colours[1]).max() <= 1
@@ -332,8 +333,7 @@ def test_streaks_of_motion_are_those_of_datasets(numbers):
     draws, point = list(numbers), np.zeros((5, 5, 3), np.uint8)
     point[2, 2] = 255
     expected = vary_motion(Numbers(), point, 2.9)[..., 0]
-    given = {"motion": jnp.float32(numbers), "blur": jnp.zeros(1)}
-    kernel = varying._draw_kernel(given, Variation(motion=2.9))
+    kernel = varying._draw_kernel(jnp.float32(numbers), jnp.float32(0), Variation(motion=2.9))
     np.testing.assert_allclose(255 * kernel, expected, atol=0.51)
 
 

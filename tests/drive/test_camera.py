@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from compiled_programs import compilations
 from driving_oracle import drawn_maps
-from refusals import refused
 
 from elitelanes_jax import render
 from elitelanes_jax.drive import Camera, Pose, look, make_sight, movements, random_pose
-from elitelanes_jax.drive._camera import _undistort, make_atlas, pack_sight, rays_of, reach_ground
+from elitelanes_jax.drive._camera import _undistort, pack_sight, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import hash_normal
 from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.drive.robot import TILE
@@ -37,8 +36,8 @@ def scene(drawn_tiles):
 def find_ground(camera):
     """Where the rays of pixels' centres meet the ground: metres ahead and to the left, infinite above the horizon."""
     rays = rays_of(camera)
-    reach, ahead = reach_ground(camera, rays)
-    left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * rays.right)
+    seen, depth, ahead = reach_ground(camera, rays)
+    ahead, left = (jnp.where(seen, part * TILE, jnp.inf) for part in (ahead, -depth * rays.right))
     return jnp.broadcast_to(ahead, (camera.rows, camera.columns)), left
 
 
@@ -206,17 +205,6 @@ def test_a_further_view_compiles_nothing(scene):
     with compilations() as compiled:
         look(Pose(2.5, 1.5, 1.0), grid, sight)
     assert not compiled
-
-
-def test_faults_are_named():
-    with refused("images, labels", "(4, 8, 8) and (4, 8, 8)"):
-        make_atlas(np.zeros((4, 8, 8)), np.zeros((4, 8, 8)))
-    with refused("images, labels", "(4, 8, 9, 3) and (4, 8, 9)"):
-        make_atlas(np.zeros((4, 8, 9, 3), np.uint8), np.zeros((4, 8, 9), np.uint8))
-    shades = np.zeros((8, 4, 4, 3), np.uint8)
-    for tile in ((2, 0), (-1, 0), (0, 5)):
-        with refused("rotations", f"{tile[0]} and {tile[1]} for code 6", expected="8 pictures"):
-            pack_sight(shades, shades[..., 0], {0: [(0, 0)], 6: [tile]})
 
 
 @pytest.mark.usefixtures("any_types")

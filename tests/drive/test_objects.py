@@ -12,13 +12,14 @@ from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some
 
 from elitelanes_jax import RoadMap
 from elitelanes_jax.drive import Camera, LaneDrive, Pose, look, make, make_objects, make_sight
-from elitelanes_jax.drive._billboards import Floor, make_billboards, pack_billboards
+from elitelanes_jax.drive._billboards import Floor, pack_billboards
 from elitelanes_jax.drive._objects import touches
 from elitelanes_jax.drive._objects_seen import lie
 from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
 from elitelanes_jax.tiles import load_objects
+from elitelanes_jax.tiles.object_set import ObjectPictures, ObjectSet
 
 # The pictures in a view have 64 x 64 pixels.
 SIDE = 64
@@ -92,7 +93,7 @@ def test_the_nearest_objects_on_the_floor_are_those_ahead():
     x, y = (jnp.array([[0.0]]), jnp.array([[0.1]])), (jnp.array([[0.5]]), jnp.array([[0.0]]))
     pose = Pose(*jnp.array([0.5, 0.5, 0.0]))
     for count, shown in ((1, {2}), (2, {1, 2})):
-        instances = lie(pose, objects, floor, jnp.arange(2), billboards, x, y, jnp.arange(12), count)[2]
+        instances = lie(pose, objects, floor, jnp.arange(2), billboards, x, y, jnp.arange(12), Camera(objects=count))[2]
         assert set(np.unique(instances)) - {0} == shown
 
 
@@ -186,14 +187,10 @@ def test_lane_drive_ends_or_pays_where_an_object_is_touched(collision):
 
 
 def test_faults_are_named():
-    with refused("objects", "'dragon'", expected="kinds"):
-        make_billboards({"dragon": {}})
-    with refused("objects", "float64 (2, 2)"):
-        make_billboards({"cone": {0: np.zeros((2, 2))}})
-    with refused("objects", "uint8 (0, 2, 4)"):
-        make_billboards({"cone": {0: np.zeros((0, 2, 4), np.uint8)}})
-    with refused("objects", "[]"):
-        make_billboards({"cone": []})
+    for view in (np.zeros((2, 2)), np.zeros((0, 2, 4), np.uint8)):
+        cone = ObjectPictures("cone", "cone", 0.08, (0.08, 0.08), None, {0: view}, np.zeros((2, 2, 4), np.uint8))
+        with refused("objects", f"{view.dtype} {view.shape}"):
+            make_sight(objects=ObjectSet("own", (cone,)))
     with refused("objects", "4097", expected="at most 4096"):
         pack_billboards([{}] * 4097)
     assert set(load_objects().views_by_kind) == set(OBJECT_KINDS)

@@ -26,7 +26,6 @@ from elitelanes_jax.drive import (
 )
 from elitelanes_jax.drive._batch import Batch
 from elitelanes_jax.drive._batch_programs import NEXT_STEP
-from elitelanes_jax.drive._camera import pack_sight
 from elitelanes_jax.drive._flat import flatten
 from elitelanes_jax.drive.interop import GymnaxEnv, gymnasium_env
 
@@ -77,8 +76,6 @@ def test_the_camera_is_an_observation_of_all_wrappers(seeing):
     moved, after, *_, info = jax.jit(env.step)(key, state, action)
     assert (moved != image).any() and (moved == info["final_observation"]).all()
     np.testing.assert_array_equal(moved, LaneDrive.observe(after, seeing).image)
-    with refused("rotations", expected="code 0"):
-        pack_sight(np.zeros((4, 8, 8, 3), np.uint8), np.zeros((4, 8, 8), np.uint8), {5: [(0, 0)]})
 
 
 def test_gymnax_has_our_values_as_vectors(params):
