@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, path
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.files import write_json
@@ -86,7 +86,6 @@ def generate(
         `at_most`, if there is none.
       OSError: if the folder cannot be written; a `ConnectionError`, if the executor lost a part.
     """
-    spec = check_named("spec", instance(GenerateSpec), spec)
     return generate_planned(plan_run(spec), out, force=force, pool=check_pool(executor, parts))
 
 
@@ -146,10 +145,11 @@ def _evolve_on(pool: Pool, search: Search, keys: SearchKeys, folder: Path) -> Ev
     `merge`.
     """
     parts = evolve_parts(search, keys, pool, folder=folder)
-    seconds = sum(part.seconds for part in parts)
+    histories = [part.result.history for part in parts]
+    seconds = sum(history.seconds for history in histories)
     if seconds < _WORTH_KEEPING:
         remove(folder)
-    speeds = np.concatenate([part.result.history.evaluations_per_second for part in parts])
+    speeds = np.concatenate([history.evaluations_per_second for history in histories])
     device = ", ".join(sorted({part.device for part in parts}))
     return Evolved(join_evolved_parts(parts), seconds, median_speed(speeds), device)
 

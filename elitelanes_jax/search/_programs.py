@@ -34,24 +34,16 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import AnyArray, Plain, Pytree, Tree
 from elitelanes_jax.network.bits import THREEFRY
-from elitelanes_jax.search._compiling import CompiledPrograms
-from elitelanes_jax.search._devices import device_of_each_part
-from elitelanes_jax.search._setup import (
+from elitelanes_jax.search._compiling import (
     ADVANCE,
     COLLECT,
-    MOST_GENERATIONS,
     START,
-    KeyData,
+    CompiledPrograms,
     SearchFacts,
-    Setup,
-    TraceableSearch,
 )
-from elitelanes_jax.search.compile_cache import (
-    find_file,
-    find_folder,
-    settings_of_thread,
-    unique_prefix,
-)
+from elitelanes_jax.search._devices import device_of_each_part
+from elitelanes_jax.search._setup import MOST_GENERATIONS, KeyData, Setup
+from elitelanes_jax.search.compile_cache import find_file, find_folder, settings_of_thread
 from elitelanes_jax.search.records import History, MeasuredElites, is_key, to_numpy
 
 Parts: TypeAlias = list[Pytree]
@@ -110,22 +102,18 @@ class Programs:
         file = None
         # The name of a file has a digest of the package's sources. The user's sources are unknown.
         if folder is not None and not setup.has_user_functions():
-            numbers, structure = jax.tree.flatten(setup)
-            shapes = [(leaf.shape, str(leaf.dtype)) for leaf in (*numbers, keys)]
-            file = find_file(folder, structure, shapes, rows)
-        prefix = "" if file is None else unique_prefix()
-        self._compiled = CompiledPrograms(file, floats)
-        self._traceable = TraceableSearch(setup, keys, rows, self._compiled.facts, prefix)
+            file = find_file(folder, setup, keys, rows)
+        self._compiled = CompiledPrograms(setup, keys, rows, floats, file)
 
     @property
     def facts(self) -> SearchFacts:
         """What is known of the search. Traces the optimiser unless a file has it."""
-        return self._traceable.facts
+        return self._compiled.facts
 
     @property
     def states(self) -> Pytree:
         """The shapes and dtypes of the states of all seeds."""
-        return self._traceable.states
+        return self._compiled.states
 
     @property
     def memory(self) -> int:
@@ -153,7 +141,7 @@ class Programs:
             # This program runs once for a search, and the last one once for a result.
             needed |= {(START, device): cells_per_step for device in self._devices}
         needed[COLLECT, jax.local_devices()[0]] = 0
-        self._compiled.add(needed, self._lower, self.facts)
+        self._compiled.prepare(needed)
 
     def start_parts(self, setup: Setup, keys: Sequence[KeyData]) -> Parts:
         """Returns the states of generation 0; there are keys for each part."""
@@ -237,14 +225,6 @@ class Programs:
     @_with_jit
     def _run(self, program: str, device: jax.Device, *arguments: Pytree) -> Pytree:
         return self._compiled.run(program, device, *arguments)
-
-    def _lower(self, program: str, device: jax.Device) -> jax.stages.Lowered:
-        sharding = None
-        # Arguments on the default device are not bound to it, see `_put`, and the program has to
-        # expect them as they come.
-        if device != jax.local_devices()[0]:
-            sharding = jax.sharding.SingleDeviceSharding(device)
-        return self._traceable.lower(program, sharding)
 
 
 def find_programs(
