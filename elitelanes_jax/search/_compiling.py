@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.network.bits import default_draws
@@ -158,6 +159,9 @@ class CompiledPrograms:
             self.facts.states,
         )
 
+    # Whatever the setting `jax_disable_jit` is: without `jit` JAX refuses to run compiled programs.
+    @runs_jax
+    @jax.disable_jit(False)
     def run(self, program: str, device: jax.Device, *arguments: Pytree) -> Pytree:
         """Runs a program, and waits for its results."""
         _, call = self._programs[program, device]

@@ -56,12 +56,6 @@ _SECONDS_A_CALL = 0.2
 # The searches whose programs stay in memory. Each takes about 18 MB.
 _MOST_SEARCHES = 64
 
-_with_jit = jax.disable_jit(False)
-"""Runs JAX's `jit` whatever the setting `jax_disable_jit` is.
-
-Without `jit` JAX refuses to run compiled programs.
-"""
-
 
 class Programs:
     """The programs of a search, for arguments of given shapes; see `find_programs`.
@@ -188,7 +182,7 @@ class Programs:
     def collect_parts(self, setup: Setup, parts: Parts) -> tuple[MeasuredElites, Pytree]:
         """Returns the elites and the states of all seeds."""
         states = jax.device_put(join(parts, self._seeds))
-        return self._run(COLLECT, jax.local_devices()[0], setup, states), states
+        return self._compiled.run(COLLECT, jax.local_devices()[0], setup, states), states
 
     def divide(self, tree: Tree) -> list[Tree]:
         """Divides the keys or the states of all seeds into parts."""
@@ -218,17 +212,12 @@ class Programs:
         """Runs a program with the arguments of each part; returns the results in order."""
         calls = []
         for device, part in zip(self._devices, arguments, strict=True):
-            calls.append(partial(self._run, program, device, setup, *part))
+            calls.append(partial(self._compiled.run, program, device, setup, *part))
         return side_by_side(calls, workers=self._workers)
-
-    @runs_jax
-    @_with_jit
-    def _run(self, program: str, device: jax.Device, *arguments: Pytree) -> Pytree:
-        return self._compiled.run(program, device, *arguments)
 
 
 def find_programs(
-    setup: Setup, keys: KeyData, devices: Sequence[jax.Device], floats: bool = False
+    setup: Setup, keys: KeyData, devices: Sequence[jax.Device], floats: bool
 ) -> Programs:
     """Returns the programs of a search.
 

@@ -140,9 +140,14 @@ class Setup:
             return True
         return self.config is not None and bool(user_moves(self.config))
 
-    def without_functions(self) -> "Setup":
-        """Returns the setup without the user's functions, whose names do not matter."""
-        return replace(self, factory=None, problem=replace(self.problem, kernels=(), fitness=None))
+    def describe(self) -> str:
+        """Returns all that matters of the setup as a text.
+
+        The names of the user's functions do not matter, and their digests do.
+        """
+        problem = replace(self.problem, kernels=(), fitness=None)
+        numbers, structure = jax.tree.flatten(replace(self, factory=None, problem=problem))
+        return repr((structure, [number.tolist() for number in numbers]))
 
 
 def make_setup(

@@ -172,6 +172,7 @@ def prepare_run(
     """Checks the user's functions, and finds the programs of a search. Compiles nothing."""
     check_extensions(search, extensions)
     config = find_config(search, extensions)
+    recorded = record_method(search, config, extensions)
     setup = make_setup(search, config, keys.kind, extensions)
     # With the digests in its structure, the setup of an edited function finds other programs.
     digests = digest_functions(setup)
@@ -182,21 +183,15 @@ def prepare_run(
     # The budget and the devices are not part of the fingerprint, so both may change when a run is
     # continued.
     return Run(
-        search=record_method(search, config, extensions),
+        search=recorded,
         config=config,
         keys=keys,
         functions=functions,
-        fingerprint=zlib.crc32(_describe(setup).encode() + keys.data.tobytes()),
+        fingerprint=zlib.crc32(setup.describe().encode() + keys.data.tobytes()),
         setup=jax.device_put(setup),
         programs=programs,
         key_parts=programs.divide(keys.data),
     )
-
-
-def _describe(setup: Setup) -> str:
-    """Returns all that matters of a setup as a text; the names of the user's functions do not."""
-    numbers, structure = jax.tree.flatten(setup.without_functions())
-    return repr((structure, [number.tolist() for number in numbers]))
 
 
 def _evolve(
