@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, NoReturn, TypeAlias, TypeVar, cast
+from typing import NoReturn, TypeAlias, TypeVar, cast
 
 from elitelanes_jax._util.checks import TILE_PX, folder, path, whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
@@ -132,10 +132,10 @@ def _listed(defaults: Record | SearchSpec) -> Iterator[tuple[str, Option, UserVa
 
     The fields of nested records are among them.
     """
-    fields = _fields_of(defaults)
-    description_of = descriptions(type(fields.defaults))
-    for name, option in fields.options.items():
-        default = getattr(fields.defaults, name)
+    fields, record = _fields_of(defaults)
+    description_of = descriptions(type(record))
+    for name, option in fields.items():
+        default = getattr(record, name)
         if option.metavar is not None:
             yield name, option, default, description_of[name]
         elif isinstance(default, Record | SearchSpec):
@@ -143,23 +143,12 @@ def _listed(defaults: Record | SearchSpec) -> Iterator[tuple[str, Option, UserVa
             yield from _listed(default)
 
 
-class _Fields(NamedTuple):
-    """The fields of a record.
-
-    Attributes:
-      options: the `Option` of each field, by name.
-      defaults: an object that has the default of each field.
-    """
-
-    options: dict[str, Option]
-    defaults: Record | Settings
-
-
-def _fields_of(defaults: Record | SearchSpec) -> _Fields:
+def _fields_of(defaults: Record | SearchSpec) -> tuple[dict[str, Option], Record | Settings]:
+    """Returns the `Option` of each field by name, and an object that has the defaults."""
     # A specification of a search keeps its options in a mapping, and is no `Record`.
     if isinstance(defaults, SearchSpec):
-        return _Fields(OPTIONS, Settings(**defaults.options))
-    return _Fields(defaults.options(), defaults)
+        return OPTIONS, Settings(**defaults.options)
+    return defaults.options(), defaults
 
 
 class _Cores(argparse.Action):
@@ -227,10 +216,10 @@ def naming(prefix: object) -> Iterator[None]:
 
 def read_options(options: argparse.Namespace, defaults: R) -> R:
     """Returns the record with the values from the command line; errors name the option."""
-    fields = _fields_of(defaults)
+    fields, record = _fields_of(defaults)
     values: dict[str, Untyped] = {}
-    for name, option in fields.options.items():
-        default = getattr(fields.defaults, name)
+    for name, option in fields.items():
+        default = getattr(record, name)
         # The options of a nested record are options of the same command.
         if option.metavar is None and isinstance(default, Record | SearchSpec):
             values[name] = read_options(options, default)

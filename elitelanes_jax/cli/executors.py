@@ -132,17 +132,16 @@ def _keeping_logs(jobs: Path) -> Iterator[None]:
 
     The folder is kept if it has the logs of a job that was lost.
     """
+    keeps = False
     try:
         yield
     except ConnectionError:
         # A job that SLURM refused has no logs.
-        if not any(jobs.glob("*_log.*")):
+        keeps = any(jobs.glob("*_log.*"))
+        raise
+    finally:
+        if not keeps:
             remove(jobs)
-        raise
-    except BaseException:
-        remove(jobs)
-        raise
-    remove(jobs)
 
 
 def _open_submitit(text: str, jobs: Path) -> Engine:

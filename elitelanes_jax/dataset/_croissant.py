@@ -129,9 +129,10 @@ class _Writer:
     def distribution(self) -> list[Node]:
         """Returns the files."""
         if self._is_parquet:
-            return [_file_set("shards", "application/x-parquet", self._patterns())]
+            patterns = [self._layout.shards_pattern(split) for split in self._splits]
+            return [_file_set("shards", "application/x-parquet", patterns)]
         if self._is_tar:
-            return [*self._shards(), *self._files_in_shards()]
+            return self._tar_files()
         sets = []
         for layer in self._layers:
             patterns = [
@@ -143,12 +144,14 @@ class _Writer:
             sets.append(_file_set("metadata-files", "application/jsonlines", lists))
         return sets
 
-    def _patterns(self) -> list[str]:
-        return [self._layout.shards_pattern(split) for split in self._splits]
-
-    def _shards(self) -> list[Node]:
+    def _tar_files(self) -> list[Node]:
+        """Returns the shards, and the files in the shards of each split."""
         shards: list[Node] = []
+        sets: list[Node] = []
+        contents = {layer: ("image/png", f"*.{layer}.png") for layer in self._layers}
+        contents["metadata"] = "application/json", "*.json"
         for split, name in zip(self._splits, self._names, strict=True):
+            within = []
             for file in sorted(self._out.glob(self._layout.shards_pattern(split))):
                 path = file.relative_to(self._out).as_posix()
                 with file.open("rb") as stream:
@@ -156,19 +159,11 @@ class _Writer:
                 shard = {"@id": path, "name": f"{name} {file.name}", "contentUrl": path}
                 shard |= {"encodingFormat": "application/x-tar", "sha256": digest}
                 shards.append({"@type": "cr:FileObject", **shard})
-        return shards
-
-    def _files_in_shards(self) -> list[Node]:
-        sets = []
-        for split, name in zip(self._splits, self._names, strict=True):
-            files = sorted(self._out.glob(self._layout.shards_pattern(split)))
-            within = [{"@id": file.relative_to(self._out).as_posix()} for file in files]
-            contents = {layer: ("image/png", f"*.{layer}.png") for layer in self._layers}
-            contents["metadata"] = "application/json", "*.json"
+                within.append({"@id": path})
             for layer, (encoding, pattern) in contents.items():
                 files_of_layer = _file_set(f"{name}-{layer}-files", encoding, [pattern])
                 sets.append(files_of_layer | {"containedIn": within})
-        return sets
+        return shards + sets
 
     def split_names(self) -> Node:
         """Returns the set of the splits' names."""

@@ -27,8 +27,8 @@ from elitelanes_jax.dataset._layouts import Layout, find_layout, write_sample
 from elitelanes_jax.dataset._records import Block, Samples, record_line
 from elitelanes_jax.dataset._samples import Sample, SampleSettings
 from elitelanes_jax.dataset._sampling import Drawer, make_drawer
-from elitelanes_jax.dataset._shards import ShardSample, encode_sample
 from elitelanes_jax.dataset.planning import PlannedDataset
+from elitelanes_jax.dataset.tables import SampleRecord
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
@@ -170,7 +170,10 @@ def _draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> No
         for name, content in files.items():
             write_atomic(samples.files / name, content)
         for portion, lines in zip(tasks[number].portions, records, strict=True):
-            _append(portion.block.records, lines)
+            # The first records of a run come before their folder exists.
+            portion.block.records.parent.mkdir(parents=True, exist_ok=True)
+            with portion.block.records.open("ab") as stream:
+                stream.write(lines)
             ended(len(portion.indices))
 
 
@@ -222,16 +225,12 @@ def _tasks(pool: Pool, drawing: Drawing, samples: Samples) -> list[_Task]:
             parts[part].append(_Portion(block, indices))
         # The position counts drawn samples too, so that a resumed run has the same parts.
         position += len(block.indices)
-    return [_Task(_maps_of(portions, drawing), portions) for portions in parts if portions]
-
-
-def _maps_of(portions: list[_Portion], drawing: Drawing) -> dict[int, RoadMap]:
-    maps = {}
-    for portion in portions:
-        for index in portion.indices:
-            number = index // drawing.views
-            maps[number] = drawing.maps[number]
-    return maps
+    tasks = []
+    for portions in filter(None, parts):
+        numbers = {index // drawing.views for portion in portions for index in portion.indices}
+        maps = {number: drawing.maps[number] for number in sorted(numbers)}
+        tasks.append(_Task(maps, portions))
+    return tasks
 
 
 def _draw_task(common: Drawing, task: _Task) -> tuple[dict[str, bytes], list[bytes]]:
@@ -256,13 +255,6 @@ def _draw_task(common: Drawing, task: _Task) -> tuple[dict[str, bytes], list[byt
             if file.is_file():
                 contents[file.relative_to(files).as_posix()] = file.read_bytes()
     return contents, records
-
-
-def _append(file: Path, content: bytes) -> None:
-    # The first records of a run come before their folder exists.
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("ab") as stream:
-        stream.write(content)
 
 
 def _draw_block(
@@ -312,12 +304,12 @@ def _draw_shard(
     assert layout.open_shard is not None
     # Threads end in any order, but a shard has its samples in order. Samples that are drawn before
     # an earlier one wait here. They are of about as many groups as workers.
-    waiting: dict[int, ShardSample] = {}
+    waiting: dict[int, tuple[dict[str, bytes], SampleRecord]] = {}
     following = iter(indices)
 
     def draw(group: Sequence[int]) -> None:
         for index, sample in zip(group, drawing.draw(group), strict=True):
-            waiting[index] = encode_sample(sample)
+            waiting[index] = sample.pictures(), sample.record
 
     shard = files / layout.shard_file(block.split, block.number, block.total)
     with new_file(shard) as part:
@@ -329,9 +321,9 @@ def _draw_shard(
             def complete(_: None) -> None:
                 nonlocal due
                 while due in waiting:
-                    sample = waiting.pop(due)
-                    write(sample)
-                    records.append((due, sample.record))
+                    pictures, record = waiting.pop(due)
+                    write(pictures, record)
+                    records.append((due, record))
                     ended(1)
                     # No sample has the index -1, so nothing waits after the last one.
                     due = next(following, -1)

@@ -21,7 +21,6 @@ from elitelanes_jax.dataset._shards import OpenShard, open_parquet, open_tar
 from elitelanes_jax.dataset.tables import SampleNote, SampleRecord, read_dataset_record
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.tiles.rendering import png_of
 
 RECORD = "dataset.json"
 """The file with the settings of a dataset."""
@@ -202,8 +201,7 @@ def write_sample(sample: Sample, layout: Layout, split: int, out: Path) -> int:
       OSError: that names the file, if one cannot be written.
     """
     checksum = 0
-    for name, layer in sample.layers.items():
-        content = png_of(layer)
+    for name, content in sample.pictures().items():
         _write_new(out / layout.file(split, sample.record["number"], name), content)
         checksum = crc32(content, checksum)
     return checksum

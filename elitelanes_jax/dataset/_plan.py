@@ -18,6 +18,7 @@ from elitelanes_jax._util.sums import read_sealed_lines, sealed_line
 from elitelanes_jax._util.threads import count_cores, start_thread
 from elitelanes_jax._util.types import OptionValue
 from elitelanes_jax.dataset.planning import PlannedDataset
+from elitelanes_jax.dataset.spec import maps_by_shape
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
 from elitelanes_jax.search.parts import evolve_each
@@ -49,7 +50,7 @@ def evolve_maps(plan: PlannedDataset, work: Path, pool: Pool | None = None) -> l
     """
     # Each size has a search of its own, because a program is compiled for one size.
     sizes: list[_Size] = []
-    for shape, count in plan.counts.items():
+    for shape, count in maps_by_shape(plan.spec).items():
         sizes.append(_Size(plan.spec.seed, plan.searches[shape], count, work))
     # Workers search the rounds that are certain to be needed. The loop below reads their results.
     if pool is not None:

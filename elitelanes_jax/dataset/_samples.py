@@ -16,7 +16,7 @@ from elitelanes_jax.drive.camera_options import LaneCamera
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.packed import Pictures
-from elitelanes_jax.tiles.rendering import LABELS, TileChoice, plan_choice
+from elitelanes_jax.tiles.rendering import LABELS, TileChoice, plan_choice, png_of
 from elitelanes_jax.tiles.tileset import TileSet
 
 
@@ -31,6 +31,10 @@ class Sample(NamedTuple):
 
     layers: dict[str, NDArray[np.integer]]
     record: SampleRecord
+
+    def pictures(self) -> dict[str, bytes]:
+        """Returns the layers as files of PNG, by name."""
+        return {name: png_of(layer) for name, layer in self.layers.items()}
 
 
 def layer_names(*, has_objects: bool) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import SEED, check_named, instance, none_or, whole
+from elitelanes_jax._util.checks import SEED, check_named, none_or, whole
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._samples import Sample, SampleSettings
 from elitelanes_jax.dataset._transforms import Transforms, for_camera, parse_transforms
@@ -47,8 +47,6 @@ def draw_sample(
       InputError: for a camera on a map without a lane, an object without a picture, or an argument
         of another type.
     """
-    check_named("road_map", instance(RoadMap), road_map)
-    check_named("tiles", instance(TileSet), tiles)
     index = check_named("index", whole(0), index)
     seed = check_named("seed", SEED, seed)
     ranges: Transforms = check_named("transforms", parse_transforms, transforms)

@@ -9,43 +9,25 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
 
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.dataset._fields import NUMBER, TEXT, WHOLE, Contents, Field
-from elitelanes_jax.dataset._samples import Sample, layer_names
+from elitelanes_jax.dataset._samples import layer_names
 from elitelanes_jax.dataset.tables import SampleRecord
-from elitelanes_jax.tiles.rendering import png_of
 
 # The rows of a row group. A reader of Parquet has all of them in memory at once.
 _ROWS = 100
 
 
-class ShardSample(NamedTuple):
-    """A sample whose pictures are encoded.
+WriteSample = Callable[[dict[str, bytes], SampleRecord], None]
+"""Adds a sample to a shard: its pictures, files of PNG by layer, and its metadata."""
 
-    Attributes:
-      pictures: files of PNG, by layer.
-      record: the metadata, plain values for JSON.
-    """
-
-    pictures: dict[str, bytes]
-    record: SampleRecord
-
-
-def encode_sample(sample: Sample) -> ShardSample:
-    """Encodes the pictures of a sample, as the other layouts do."""
-    return ShardSample(
-        {name: png_of(layer) for name, layer in sample.layers.items()}, sample.record
-    )
-
-
-OpenShard = Callable[[Path, Contents], AbstractContextManager[Callable[[ShardSample], None]]]
-"""(file, contents) -> a context that gives a function, which adds a sample to the file."""
+OpenShard = Callable[[Path, Contents], AbstractContextManager[WriteSample]]
+"""(file, contents) -> a context that gives a function, which adds samples to the file."""
 
 
 @contextmanager
-def open_tar(file: Path, _: Contents) -> Iterator[Callable[[ShardSample], None]]:
+def open_tar(file: Path, _: Contents) -> Iterator[WriteSample]:
     """Writes a tar file as WebDataset reads it.
 
     The names of a sample's files have its number up to the first dot.
@@ -59,21 +41,21 @@ def open_tar(file: Path, _: Contents) -> Iterator[Callable[[ShardSample], None]]
             entry.size = len(content)
             archive.addfile(entry, BytesIO(content))
 
-        def write(sample: ShardSample) -> None:
+        def write(pictures: dict[str, bytes], record: SampleRecord) -> None:
             # WebDataset groups the files of a sample by the part of their names before the first
             # dot.
-            key = f"{sample.record['number']:06d}"
-            for layer, picture in sample.pictures.items():
+            key = f"{record['number']:06d}"
+            for layer, picture in pictures.items():
                 add(f"{key}.{layer}.png", picture)
             # The metadata comes last, and all files of a sample are neighbours, as WebDataset
             # expects.
-            add(f"{key}.json", json.dumps(sample.record).encode())
+            add(f"{key}.json", json.dumps(record).encode())
 
         yield write
 
 
 @contextmanager
-def open_parquet(file: Path, contents: Contents) -> Iterator[Callable[[ShardSample], None]]:
+def open_parquet(file: Path, contents: Contents) -> Iterator[WriteSample]:
     """Writes a Parquet file with a row for each sample.
 
     Hugging Face's datasets decodes its pictures.
@@ -87,14 +69,14 @@ def open_parquet(file: Path, contents: Contents) -> Iterator[Callable[[ShardSamp
     writer = parquet.ParquetWriter(file, schema, use_dictionary=False, compression="zstd")
     with writer:
 
-        def write(sample: ShardSample) -> None:
-            name = f"{sample.record['number']:06d}"
+        def write(pictures: dict[str, bytes], record: SampleRecord) -> None:
+            name = f"{record['number']:06d}"
             # Hugging Face's datasets expects the bytes of a picture and a name for it.
-            pictures = {
+            columns = {
                 layer: {"bytes": picture, "path": f"{name}.{layer}.png"}
-                for layer, picture in sample.pictures.items()
+                for layer, picture in pictures.items()
             }
-            rows.append({**pictures, **sample.record})
+            rows.append({**columns, **record})
             # Rows in memory are limited, because pictures may be large.
             if len(rows) == _ROWS:
                 flush()

@@ -121,7 +121,8 @@ def _apply_tone(
     # The mean of the channels has no colour, so it stays when the saturation changes.
     grey = (planes[0] + planes[1] + planes[2]) / 3
     for index, factor in enumerate(channels):
-        planes[index] = _to_bytes((grey + (planes[index] - grey) * saturation) * factor)
+        colours = (grey + (planes[index] - grey) * saturation) * factor
+        planes[index] = np.clip(np.rint(colours), 0, 255).astype(np.uint8)
     return np.asarray(cv2.merge(planes), np.uint8)
 
 
@@ -160,10 +161,6 @@ def compress(
     return np.asarray(
         cv2.cvtColor(np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR)), cv2.COLOR_BGR2RGB), np.uint8
     )
-
-
-def _to_bytes(colours: Float[NDArray, "*n"]) -> UInt8[NDArray, "*n"]:
-    return np.asarray(np.clip(np.rint(colours), 0, 255), np.uint8)
 
 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...], grains: int) -> Float[NDArray, "h w"]:

@@ -52,62 +52,6 @@ class DrawnTransform(NamedTuple):
     noise_seed: int
 
 
-class ViewNumbers(NamedTuple):
-    """The random numbers of a view, each uniform in its range.
-
-    Attributes:
-      quarters: int, 0 to 3.
-      turn: -1 to 1.
-      zoom: 0 to 1.
-      bends: float64 ``[4, 2]``, -1 to 1, of the corners.
-      position: float64 ``[2]``, 0 to 1, of the crop.
-      lights: -1 to 1, of the light, the contrast, and the three colours.
-      blur: 0 to 1.
-      noise: 0 to 1.
-      noise_seed: the seed of the noise.
-    """
-
-    quarters: int
-    turn: float
-    zoom: float
-    bends: NDArray[np.float64]
-    position: NDArray[np.float64]
-    lights: list[float]
-    blur: float
-    noise: float
-    noise_seed: int
-
-    def through(
-        self, matrix: NDArray[np.float64], size: tuple[int, int], transforms: Transforms
-    ) -> DrawnTransform:
-        """Returns the view of a matrix and a size; see `DrawnTransform`."""
-        light, contrast, *colours = self.lights
-        # Contrast and colours are factors around mid-grey, which they leave as it is.
-        gain = 1 + contrast * transforms.contrast
-        red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)
-        # Brightness changes by a share of mid-grey, 128 of 255 levels.
-        offset = 128 * light * transforms.light
-        blur, noise = self.blur * transforms.blur, self.noise * transforms.noise
-        return DrawnTransform(
-            matrix, size, (red, green, blue), offset, blur, noise, self.noise_seed
-        )
-
-
-def draw_numbers(rng: np.random.Generator) -> ViewNumbers:
-    """Draws the numbers of a view.
-
-    All are always drawn, so that a change of one range does not change the others.
-    """
-    quarters = int(rng.integers(4))
-    turn, zoom = rng.uniform(-1, 1), rng.uniform()
-    bends, position = rng.uniform(-1, 1, (4, 2)), rng.uniform(0, 1, 2)
-    lights = rng.uniform(-1, 1, 5).tolist()
-    blur, noise = rng.uniform(0, 1, 2).tolist()
-    return ViewNumbers(
-        quarters, turn, zoom, bends, position, lights, blur, noise, int(rng.integers(2**63))
-    )
-
-
 def draw_view(
     rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]
 ) -> DrawnTransform:
@@ -120,12 +64,18 @@ def draw_view(
     if transforms.crop > min(size) * smallest:
         shown = f"{width * smallest:g} x {height * smallest:g} pixels at the smallest scale"
         raise InputError("transforms", f"a crop within the map, {shown}", transforms.crop)
-    # The numbers are drawn first and scaled by the ranges afterwards, see `draw_numbers`.
-    numbers = draw_numbers(rng)
-    turns, angle = numbers.quarters * transforms.quarter_turns, numbers.turn * transforms.rotation
+    # All numbers are always drawn, and scaled by the ranges afterwards. Therefore a change of one
+    # range does not change the others.
+    quarters = int(rng.integers(4))
+    turn, zoom = rng.uniform(-1, 1), rng.uniform()
+    bends, position = rng.uniform(-1, 1, (4, 2)), rng.uniform(0, 1, 2)
+    light, contrast, *colours = rng.uniform(-1, 1, 5).tolist()
+    blur, noise = rng.uniform(0, 1, 2).tolist()
+    noise_seed = int(rng.integers(2**63))
+    turns, angle = quarters * transforms.quarter_turns, turn * transforms.rotation
     low, high = transforms.scale
     # The logarithm of the scale is uniform.
-    scale = low * (high / low) ** numbers.zoom
+    scale = low * (high / low) ** zoom
     # An odd number of quarter turns swaps the height and the width.
     frame = (width, height) if turns % 2 else (height, width)
     # The map's middle stays the middle of the view: rotation and scale are about it, and the
@@ -133,9 +83,7 @@ def draw_view(
     matrix = _shift(-width / 2, -height / 2)
     matrix = _turn(90 * turns + angle) @ np.diag([scale, scale, 1]) @ matrix
     matrix = (
-        _bend(numbers.bends * transforms.perspective, frame)
-        @ _shift(frame[1] / 2, frame[0] / 2)
-        @ matrix
+        _bend(bends * transforms.perspective, frame) @ _shift(frame[1] / 2, frame[0] / 2) @ matrix
     )
     # The window is placed after all other changes, so that its position is in pixels of the view.
     if transforms.crop:
@@ -144,11 +92,23 @@ def draw_view(
         shown = sides * min(1.0, scale)
         first = np.ceil((sides - shown) / 2)
         last = np.maximum(first, np.floor((sides + shown) / 2 - transforms.crop))
-        x, y = np.floor(first + numbers.position * (last - first + 1))
+        x, y = np.floor(first + position * (last - first + 1))
         matrix, frame = _shift(-x, -y) @ matrix, (transforms.crop, transforms.crop)
-    # The matrix is scaled to a last entry of 1, so that equal views have equal matrices in the
-    # metadata.
-    return numbers.through(matrix / matrix[2, 2], frame, transforms)
+    # Contrast and colours are factors around mid-grey, which they leave as it is.
+    gain = 1 + contrast * transforms.contrast
+    red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)
+    return DrawnTransform(
+        # The matrix is scaled to a last entry of 1, so that equal views have equal matrices in the
+        # metadata.
+        matrix=matrix / matrix[2, 2],
+        size=frame,
+        gains=(red, green, blue),
+        # Brightness changes by a share of mid-grey, 128 of 255 levels.
+        offset=128 * light * transforms.light,
+        blur=blur * transforms.blur,
+        noise=noise * transforms.noise,
+        noise_seed=noise_seed,
+    )
 
 
 def warp(

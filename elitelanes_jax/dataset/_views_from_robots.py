@@ -6,6 +6,7 @@ and motion that reach farther than the camera of `drive` draws them.
 
 from collections.abc import Collection, Iterator, Sequence
 from functools import lru_cache, partial
+from operator import itemgetter
 from threading import Lock
 
 import cv2
@@ -82,41 +83,29 @@ class RobotViews:
             return [*self._draw(maps, indices)]
 
     def _draw(self, maps: Sequence[RoadMap], indices: Sequence[int]) -> Iterator[Sample]:
-        settings = self._settings
-        chosen = [
-            choose_pictures(settings, road_map, index)
-            for road_map, index in zip(maps, indices, strict=True)
-        ]
+        views = []
+        for road_map, index in zip(maps, indices, strict=True):
+            views.append((road_map, index, choose_pictures(self._settings, road_map, index)))
         # The last view fills up the batch.
-        missing = BATCH - len(maps)
-        filled = [*indices, *[indices[-1]] * missing]
-        scenes, pictures = self._pack(
-            [*maps, *[maps[-1]] * missing], filled, [*chosen, *[chosen[-1]] * missing]
-        )
-        for first in range(0, len(maps), self._at_once):
-            count = min(self._at_once, len(maps) - first)
+        filled = views + [views[-1]] * (BATCH - len(views))
+        filled_maps, filled_indices, filled_chosen = zip(*filled, strict=True)
+        scenes, pictures = self._pack(filled_maps, filled_indices, filled_chosen)
+        for first in range(0, len(views), self._at_once):
+            count = min(self._at_once, len(views) - first)
             batch = draw_some(
-                *(
-                    seed_key(settings.seed),
-                    np.array(filled, np.uint32),
-                    scenes,
-                    self._camera,
-                    self._variation,
-                ),
-                *(first, count),
+                seed_key(self._settings.seed),
+                np.array(filled_indices, np.uint32),
+                scenes,
+                self._camera,
+                self._variation,
+                first,
+                count,
                 room=self._at_once,
             )
             plans, drawn = jax.device_get(batch)
-            for number in range(count):
-                view = first + number
-                yield self._finish(
-                    maps[view],
-                    indices[view],
-                    chosen[view],
-                    jax.tree.map(lambda part, view=view: part[view], plans),
-                    jax.tree.map(lambda part, number=number: part[number], drawn),
-                    pictures,
-                )
+            for number, view in enumerate(views[first : first + count]):
+                plan = jax.tree.map(itemgetter(first + number), plans)
+                yield self._finish(*view, plan, jax.tree.map(itemgetter(number), drawn), pictures)
 
     def _pack(
         self,
@@ -129,14 +118,12 @@ class RobotViews:
         # Furnished maps may have more objects than the maps before.
         map_room = Room.for_maps(maps, has_objects=self._has_objects)
         room = Room(*map(max, self._room, map_room))
-        if room.objects > _MOST_OBJECTS:
-            most = max(len(road_map.objects or ()) for road_map in maps)
-            if most > _MOST_OBJECTS:
-                raise InputError(
-                    "objects", f"at most {_MOST_OBJECTS:,} in pictures of a map", f"{most:,}"
-                )
         shown = None
         if settings.objects is not None:
+            most = max(len(road_map.objects or ()) for road_map in maps)
+            if most > _MOST_OBJECTS:
+                expected = f"at most {_MOST_OBJECTS:,} in pictures of a map"
+                raise InputError("objects", expected, f"{most:,}")
             pictures = _pack_objects(settings.objects)
             shown = [
                 settings.objects.choose(road_map.objects or (), [settings.seed, index, 2])
@@ -145,7 +132,10 @@ class RobotViews:
         # Maps add pictures of objects to those that are packed.
         with _packing:
             scenes = pack_scenes(
-                *(maps, settings.tiles, settings.tile_px, pictures),
+                maps,
+                settings.tiles,
+                settings.tile_px,
+                pictures,
                 room=room,
                 chosen=chosen,
                 shown=shown,

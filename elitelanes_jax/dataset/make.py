@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, path, whole
+from elitelanes_jax._util.checks import check_named, path, whole
 from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import write_json
@@ -66,7 +66,6 @@ def make_dataset(
       OSError: that names the file, if a file cannot be written. The same call resumes.
       ConnectionError: if the executor lost a part. The same call resumes.
     """
-    spec = check_named("spec", instance(DatasetSpec), spec)
     return make_planned(
         plan_dataset(spec), out, workers=workers, force=force, pool=check_pool(executor, parts)
     )
@@ -91,10 +90,14 @@ def make_planned(
     complete = _read_complete(out, asked, force)
     if complete is not None:
         return complete
+    # The dataset must not replace what it is made from.
+    inputs: list[str | Path] = [*spec.inputs, *spec.search.inputs]
+    if spec.maps_from is not None:
+        inputs += spec.maps_from.paths
     with output_folder(
         out,
         _of_maps(asked),
-        inputs=_inputs(spec),
+        inputs=inputs,
         foreign=foreign_to_dataset,
         force=force,
         resume_files=True,
@@ -139,12 +142,6 @@ def _read_complete(out: Path, asked: DatasetRecord, force: bool) -> DatasetRecor
         raise
     # The same dataset is there already, so nothing is done.
     return read_dataset_record(out / RECORD)
-
-
-def _inputs(spec: DatasetSpec) -> list[str | Path]:
-    """Returns the files that the dataset is made from, which it must not replace."""
-    maps = () if spec.maps_from is None else spec.maps_from.paths
-    return [*maps, *spec.inputs, *spec.search.inputs]
 
 
 def _make_maps(

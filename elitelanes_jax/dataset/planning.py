@@ -10,9 +10,8 @@ from typing import NamedTuple
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce_at_end
-from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._layouts import find_layout
-from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
+from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.dataset.tables import DatasetRecord
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
@@ -37,7 +36,6 @@ class PlannedDataset(NamedTuple):
       spec: the specification of the dataset.
       tiles: the tile set to draw the maps with.
       searches: resolved, by the (height, width) of the maps; empty for given maps.
-      counts: the number of maps of each size.
       objects: whose pictures to draw the maps' objects with; None if there are no objects.
       identity: all that the files depend on, plain values for JSON.
     """
@@ -45,7 +43,6 @@ class PlannedDataset(NamedTuple):
     spec: DatasetSpec
     tiles: TileSet
     searches: dict[tuple[int, int], Search]
-    counts: dict[tuple[int, int], int]
     objects: ObjectSet | None
     identity: DatasetRecord
 
@@ -60,11 +57,11 @@ def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
     """
     find_layout(spec.format)
     tiles = load_tiles(spec.tiles)
-    searches, counts = {}, maps_by_shape(spec)
+    searches = {}
     if spec.maps_from is None:
         _check_fixed_cells(spec)
         # Constraints are checked for each size, because a small map may not be able to meet them.
-        for shape in counts:
+        for shape in spec.shapes:
             searches[shape] = resolve_to_draw(spec.search, shape, tiles)
             # Objects that no map has room for would end the run only after the search.
             if spec.furnish is not None:
@@ -73,7 +70,7 @@ def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
         _check_given(spec, spec.maps_from, tiles)
     objects = _load_objects(spec, searches)
     identity = _identify(spec, tiles, objects)
-    return PlannedDataset(spec, tiles, searches, counts, objects, identity)
+    return PlannedDataset(spec, tiles, searches, objects, identity)
 
 
 def _identify(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> DatasetRecord:
@@ -81,6 +78,12 @@ def _identify(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> D
     plain = spec.to_plain() | {"tile_px": spec.pixels}
     # The pictures and the maps count, not their paths.
     del plain["tiles"], plain["objects"], plain["maps_from"]
+    tile_set = tiles.to_plain()
+    # Poses are on the lanes of the tile set.
+    if spec.camera is not None:
+        tile_set["lane_offset"] = tiles.lane_offset
+        if tiles.lane_offset_spread is not None:
+            tile_set["lane_offset_spread"] = tiles.lane_offset_spread
     versions = installed_versions()
     # The bytes of Parquet depend on the version of pyarrow.
     if spec.format == "parquet":
@@ -88,23 +91,13 @@ def _identify(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> D
     identity = {
         "settings": plain,
         "given_maps": None if spec.maps_from is None else spec.maps_from.digest,
-        "tile_set": _describe_tiles(spec, tiles),
+        "tile_set": tile_set,
         "versions": versions,
     }
     if objects is not None:
         identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
     # Tuples become lists here, as in a record that is read from its file.
     return json.loads(json.dumps(identity))
-
-
-def _describe_tiles(spec: DatasetSpec, tiles: TileSet) -> dict[str, Plain]:
-    """Returns what pictures depend on in a tile set, and the lanes that poses are on."""
-    about = tiles.to_plain()
-    if spec.camera is not None:
-        about["lane_offset"] = tiles.lane_offset
-        if tiles.lane_offset_spread is not None:
-            about["lane_offset_spread"] = tiles.lane_offset_spread
-    return about
 
 
 def _check_fixed_cells(spec: DatasetSpec) -> None:

@@ -33,24 +33,15 @@ def split_niches(
     _, niche_indices = np.unique(niches, return_inverse=True)
     groups = group_alike(codes, niche_indices).tolist()
     sizes = Counter(groups)
-    lacking = _lacking_maps(shares, len(codes))
+    # A split with a share of 0 gets no map.
+    lacking = {
+        split: share * len(codes) for split, share in zip(SPLITS, shares, strict=True) if share
+    }
     if len(sizes) < len(lacking):
         raise _few_groups_error(len(lacking), len(sizes), len(set(niches)))
     order = _shuffle_groups(seed, groups, niches)
     split_of = _assign_groups(order, sizes, lacking)
     return [split_of[group] for group in groups]
-
-
-def _lacking_maps(shares: Sequence[float], count: int) -> dict[str, float]:
-    """Returns the number of maps that each split lacks at first.
-
-    `count` is the number of maps of all splits. A split with a share of 0 is left out.
-    """
-    lacking = {}
-    for split, share in zip(SPLITS, shares, strict=True):
-        if share:
-            lacking[split] = share * count
-    return lacking
 
 
 def _few_groups_error(splits: int, groups: int, niches: int) -> InputError:

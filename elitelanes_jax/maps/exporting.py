@@ -14,7 +14,6 @@ from elitelanes_jax._util.checks import (
     TILE_PX,
     check_named,
     coordinates,
-    instance,
     is_real,
     nonblank,
     none_or,
@@ -64,8 +63,12 @@ class Format(NamedTuple):
         return [f"{self.prefix}{name}{suffix}" for suffix in self.suffixes]
 
     def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> dict[str, bytes]:
-        """Returns the content of each file of a map by its path; `name` is theirs without suffix."""
-        made = self.convert(road_map, name, **settings)
+        """Returns the content of each file of a map by its path; `name` is theirs without suffix.
+
+        `settings` are those of one or several formats.
+        """
+        taken = {setting: value for setting, value in settings.items() if setting in self.takes}
+        made = self.convert(road_map, name, **taken)
         contents = (made,) if isinstance(made, str | bytes) else made
         files: dict[str, bytes] = {}
         for file, content in zip(self.paths(name), contents, strict=True):
@@ -396,7 +399,6 @@ def export(
         needs is not installed.
     """
     target = FORMATS[check_named("to", one_of(*FORMATS), to)]
-    settings = check_named("options", instance(FormatOptions), options)
-    settings.check_taken_by(to)
+    options.check_taken_by(to)
     stem = check_named("name", text_name, name)
-    return target.files(as_map(road_map), stem, **settings.loaded())
+    return target.files(as_map(road_map), stem, **options.loaded())

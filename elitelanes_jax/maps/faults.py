@@ -25,6 +25,7 @@ from elitelanes_jax.maps.furnishing.signs import (
     has_free_corners,
     topology_sign,
 )
+from elitelanes_jax.maps.furnishing.space import has_road
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.maps.furnishing.street_names import street_name_faults
 
@@ -81,7 +82,8 @@ def count_sign_faults(road_map: RoadMap) -> SignFaults:
     present: set[tuple[Cell, int, str]] = set()
     for sign in signs:
         tile = crossing_of(sign, arms)
-        if tile is None or _is_on_road(sign, road_map.codes) or not _fits(sign, arms[tile]):
+        is_on_road = has_road(road_map.codes, (floor(sign.y), floor(sign.x)))
+        if tile is None or is_on_road or not _fits(sign, arms[tile]):
             wrong += 1
         else:
             present.add((tile, (heading_of_reader(sign) + 2) % 4, _class_of(sign)))
@@ -160,13 +162,6 @@ def _class_of(item: MapObject) -> str:
     if item.kind in TOPOLOGIES:
         return "topology"
     return "control" if item.kind in CONTROLS else ""
-
-
-def _is_on_road(sign: MapObject, codes: Int8[np.ndarray, "H W"]) -> bool:
-    """Returns whether the middle of a sign is on a tile with a road."""
-    row, column = floor(sign.y), floor(sign.x)
-    height, width = codes.shape
-    return 0 <= row < height and 0 <= column < width and codes[row, column] > 0
 
 
 def _fits(sign: MapObject, sides: list[int]) -> bool:

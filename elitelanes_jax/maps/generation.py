@@ -4,52 +4,30 @@ The folder has the chosen maps of a search, their files, and the run's record.
 """
 
 import time
-from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import numpy as np
-from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, path
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import pluralize
-from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
-from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.maps.choosing import choose_enough, describe_archive, describe_source
-from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
+from elitelanes_jax.maps.folder import foreign_to_maps
 from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.maps.writing import Evolved, describe_budget, median_speed, write_run
 from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
 from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
 from elitelanes_jax.search.resolve import Search
-from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.running import evolve_search
 
 # The seconds between two checkpoints, and the seconds of the shortest search whose checkpoint is
 # kept while maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
-
-
-class Evolved(NamedTuple):
-    """The result of a run's search, and the figures for its record.
-
-    Attributes:
-      result: the result.
-      seconds: the seconds that the search took.
-      speed: the median of the evaluations per second; None without generations.
-      device: the kind of the device.
-    """
-
-    result: Result
-    seconds: float
-    speed: int | None
-    device: str
 
 
 @name_wrong_arguments
@@ -86,7 +64,6 @@ def generate(
         `at_most`, if there is none.
       OSError: if the folder cannot be written; a `ConnectionError`, if the executor lost a part.
     """
-    spec = check_named("spec", instance(GenerateSpec), spec)
     return generate_planned(plan_run(spec), out, force=force, pool=check_pool(executor, parts))
 
 
@@ -122,7 +99,7 @@ def _announce_search(spec: GenerateSpec, search: Search) -> None:
     runs = pluralize(len(spec.seed_indices), "run")
     announce(
         f"evolving {maps} of {spec.size[0]} x {spec.size[1]} tiles: {search.settings.method}, "
-        f"{search.settings.preset}, {runs} of {_budget(search)}"
+        f"{search.settings.preset}, {runs} of {describe_budget(search)}"
     )
 
 
@@ -146,61 +123,10 @@ def _evolve_on(pool: Pool, search: Search, keys: SearchKeys, folder: Path) -> Ev
     `merge`.
     """
     parts = evolve_parts(search, keys, pool, folder=folder)
-    seconds = sum(part.seconds for part in parts)
+    histories = [part.result.history for part in parts]
+    seconds = sum(history.seconds for history in histories)
     if seconds < _WORTH_KEEPING:
         remove(folder)
-    speeds = np.concatenate([part.result.history.evaluations_per_second for part in parts])
+    speeds = np.concatenate([history.evaluations_per_second for history in histories])
     device = ", ".join(sorted({part.device for part in parts}))
     return Evolved(join_evolved_parts(parts), seconds, median_speed(speeds), device)
-
-
-def median_speed(speeds: Sequence[float] | NDArray[np.float64]) -> int | None:
-    """Returns the median of speeds as the record has it; None without any."""
-    return round(float(np.median(speeds))) if len(speeds) else None
-
-
-def write_run(folder: Path, run: PlannedRun, evolved: Evolved) -> list[RoadMap]:
-    """Chooses the maps of a run, and writes them, its archive and its record; returns the maps.
-
-    For a part of a run, only the archive and the record are written. Raises `NotEnoughMapsError`.
-    """
-    spec, search, tiles = run
-    start = time.perf_counter()
-    # A part lacks the elites of other seeds. `merge` chooses among those of all parts.
-    choice = None
-    if spec.part is None:
-        choice = choose_enough(evolved.result, spec.maps, at_most=spec.at_most, seed=spec.seed)
-    chosen = time.perf_counter()
-    maps: list[RoadMap] = []
-    if choice is not None:
-        title = (
-            f"{pluralize(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, "
-            f"{search.settings.method}, {pluralize(spec.seeds, 'seed')}, {_budget(search)}, "
-            f"seed {spec.seed}"
-        )
-        drawing = Drawing(tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
-        maps = write_maps(folder, choice.maps, title, drawing)
-    # The state is left out, because a run is not continued from its folder.
-    evolved.result.save(folder / ARCHIVE, state=False, seed=spec.seed)
-    # The choice counts as a part of the search.
-    seconds = {"evolve": evolved.seconds + chosen - start, "draw": time.perf_counter() - chosen}
-    record = {
-        "settings": spec.to_plain(),
-        "weights": search.weights._asdict(),
-        **describe_source(tiles, evolved.result, choice),
-        "archive": describe_archive(evolved.result),
-        "versions": installed_versions(),
-        "device": evolved.device,
-        "times": {
-            "seconds": {name: round(value, 3) for name, value in seconds.items()},
-            "evaluations_per_second": evolved.speed,
-        },
-    }
-    write_json(folder / RECORD, record)
-    return maps
-
-
-def _budget(search: Search) -> str:
-    if search.settings.generations is None:
-        return f"{search.settings.evaluations:,} evaluations"
-    return f"{search.settings.generations:,} generations"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, path
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic, write_json
 from elitelanes_jax._util.folders import foreign_file, output_folder
@@ -119,12 +119,12 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         that may not be replaced.
       OSError: that names the file, if a file cannot be written. The same call resumes.
     """
-    spec, out = check_named("spec", instance(PackSpec), spec), Path(check_named("out", path, out))
+    out = Path(check_named("out", path, out))
     settings = spec.formats.loaded()
     # Each format converts a small map that it can hold. A bad setting or a missing package raises
     # its error here, before the first map is written.
     for to in spec.to:
-        FORMATS[to].files(LOOP, "map", **_settings_of(to, settings))
+        FORMATS[to].files(LOOP, "map", **settings)
     tiles = settings.get("tiles")
     maps = parse_given(sources)
     towns = _split(spec, maps.maps)
@@ -193,11 +193,6 @@ def _warn_of_removed_roads(
     for town, road_map, name in zip(towns, written, names, strict=True):
         if not np.array_equal(road_map.codes, town.road_map.codes):
             warn_of_faults(name, road_map)
-
-
-def _settings_of(to: str, settings: Mapping[str, UserValue]) -> dict[str, UserValue]:
-    """Returns those of the settings of all formats that a format takes."""
-    return {name: value for name, value in settings.items() if name in FORMATS[to].takes}
 
 
 def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
@@ -306,7 +301,7 @@ def _write_formats(
         if journal.has(files):
             continue
         # A format whose settings remove dead ends does so itself.
-        contents = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
+        contents = FORMATS[to].files(town.road_map, town.id, **settings)
         for file, content in contents.items():
             write_atomic(niche_folder / file, content)
         journal.add(files)

@@ -10,7 +10,6 @@ from elitelanes_jax._util.folders import first_difference, has_unfinished, outpu
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.types import OptionValue, Plain
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.maps.choosing import describe_archive
 from elitelanes_jax.maps.folder import (
     ARCHIVE,
     RECORD,
@@ -18,9 +17,9 @@ from elitelanes_jax.maps.folder import (
     foreign_to_maps,
     read_run_record,
 )
-from elitelanes_jax.maps.generation import Evolved, median_speed, write_run
 from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
+from elitelanes_jax.maps.writing import Evolved, describe_archive, median_speed, write_run
 from elitelanes_jax.search.joining import join_parts_of_run
 from elitelanes_jax.search.resolve import has_other_alphabet, spec_from_plain
 from elitelanes_jax.search.result import Result

@@ -9,17 +9,17 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, check_unique, instance, is_folder, path, paths
+from elitelanes_jax._util.checks import check_named, check_unique, is_folder, path, paths
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
-from elitelanes_jax._util.types import AnyArray, Plain, Untyped, UserValue
+from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.maps.choosing import choose_enough, describe_source
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import PickSpec
+from elitelanes_jax.maps.writing import choose_enough, describe_source
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.problem.descriptor import compute_descriptor, resolve_axes
@@ -79,7 +79,7 @@ def pick(
       NotEnoughMapsError: if there are fewer maps than requested; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    spec, out = check_named("spec", instance(PickSpec), spec), Path(check_named("out", path, out))
+    out = Path(check_named("out", path, out))
     files = check_named("archives", paths, archives)
     check_unique("archives", "file", map(str, files))
     # A user may name the folder of a run instead of the archive in it.
@@ -102,9 +102,7 @@ def pick(
         force=force or force_archive,
     ) as work:
         hint = "wider ranges or more archives" if search.ranges else "more archives"
-        maps, record = _write_choice(work.files, spec, sources, search, tiles, hint)
-        _write_record(work.files, spec, files, record)
-    return maps
+        return _write_choice(work.files, spec, sources, search, tiles, files, hint)
 
 
 @name_wrong_arguments
@@ -131,7 +129,6 @@ def write_result(
       NotEnoughMapsError: if there are fewer valid and different maps than requested.
       OSError: if the folder cannot be written.
     """
-    check_named("result", instance(Result), result)
     spec, out = PickSpec().replace(maps=maps, **options), Path(check_named("out", path, out))
     tiles = load_tiles(spec.tiles)
     sources = [_Source("result", result.with_seed_axis(), None)]
@@ -140,12 +137,10 @@ def write_result(
     with output_folder(
         out, {"command": "pick"}, inputs=inputs, foreign=foreign_to_maps, force=force
     ) as work:
-        chosen, record = _write_choice(work.files, spec, sources, search, tiles)
         # The record has the digest of the archive, so the archive is written first.
         archive = work.files / ARCHIVE
         result.save(archive, state=False)
-        _write_record(work.files, spec, [archive], record)
-    return chosen
+        return _write_choice(work.files, spec, sources, search, tiles, [archive])
 
 
 def _read_source(file: Path) -> _Source:
@@ -219,11 +214,12 @@ def _write_choice(
     sources: Sequence[_Source],
     search: Search,
     tiles: TileSet,
+    archives: Sequence[Path],
     hint: str | None = None,
-) -> tuple[list[RoadMap], dict[str, Plain]]:
-    """Chooses maps among all sources, and writes them.
+) -> list[RoadMap]:
+    """Chooses maps among all sources, and writes them and the record; returns the maps.
 
-    Returns the maps and the entries of the record about the choice.
+    The record lists the archives. One in the folder itself is named without its path.
     """
     elites = _join(sources, search, tiles)
     size = "{} x {} tiles".format(*search.shape)
@@ -246,24 +242,24 @@ def _write_choice(
         # `Result.choose` sets the seed of every map.
         assert road_map.seed is not None
         maps.append(replace(road_map, seed=runs[road_map.seed[1]]))
-    archives = pluralize(len(sources), "archive")
-    title = f"{pluralize(len(maps), 'road map')} of {size}, chosen from {archives}"
+    origin = pluralize(len(sources), "archive")
+    title = f"{pluralize(len(maps), 'road map')} of {size}, chosen from {origin}"
     drawing = Drawing(tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
-    record = {"search": search.to_plain(), **describe_source(tiles, result, choice)}
-    return write_maps(folder, maps, title, drawing), record
-
-
-def _write_record(
-    folder: Path, spec: PickSpec, archives: Sequence[Path], record: dict[str, Plain]
-) -> None:
-    """Writes the record of a choice; an archive in the folder itself is named without its path."""
+    written = write_maps(folder, maps, title, drawing)
     listed = []
     for file in archives:
         # The folder is still a hidden one here, so its path would be wrong later.
         name = file.name if file.parent == folder else str(file)
         listed.append({"file": name, "sha256": sha256(file.read_bytes()).hexdigest()})
-    content = {"settings": spec.to_plain(), "archives": listed} | record
-    write_json(folder / RECORD, content | {"versions": installed_versions()})
+    record = {
+        "settings": spec.to_plain(),
+        "archives": listed,
+        "search": search.to_plain(),
+        **describe_source(tiles, result, choice),
+        "versions": installed_versions(),
+    }
+    write_json(folder / RECORD, record)
+    return written
 
 
 def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> MeasuredElites:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from hashlib import sha256
 from inspect import Parameter, signature
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -302,10 +302,17 @@ def _described(result: Pytree, batch: int = 0) -> str:
     return f"{result.dtype} of shape {result.shape[batch:]}"
 
 
-def digest(function: Callable[..., Pytree], *arguments: Pytree) -> tuple[str, bool]:
-    """Returns a digest of what a function computes, and whether it computes with floats.
+class Digest(NamedTuple):
+    """What a function computes: equal digits for the same operations and constants."""
 
-    The digest, 16 hexadecimal digits, is equal in all processes for functions with the same jaxpr
+    digits: str
+    uses_floats: bool
+
+
+def digest(function: Callable[..., Pytree], *arguments: Pytree) -> Digest:
+    """Returns a digest of what a function computes.
+
+    Its 16 hexadecimal digits are equal in all processes for functions with the same jaxpr
     and constants. Calls out of JAX, such as callbacks, do not count. The arguments may be given by
     their shapes and dtypes.
     """
@@ -317,7 +324,7 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> tuple[str, bo
     content = sha256(text.encode())
     for constant in _constants(closed):
         content.update(constant)
-    return content.hexdigest()[:16], _has_floats(closed)
+    return Digest(content.hexdigest()[:16], _has_floats(closed))
 
 
 def _has_floats(closed: "core.ClosedJaxpr") -> bool:

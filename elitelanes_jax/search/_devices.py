@@ -28,25 +28,21 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
     Raises:
       InputError: for anything else than devices, or their number from 1.
     """
+    named = [*devices] if isinstance(devices, Sequence) else []
+    if named and all(isinstance(device, jax.Device) for device in named):
+        return named
     local = jax.local_devices()
     if devices is None:
         count = len(local)
         if local[0].platform == "cpu":
             count = max(count, count_cores())
-        return _take_in_turn(local, count)
-    if isinstance(devices, Sequence):
-        if devices and all(isinstance(device, jax.Device) for device in devices):
-            return list(devices)
     elif is_whole(devices) and devices > 0:
-        return _take_in_turn(local, devices)
-    raise InputError(
-        "devices", "JAX's devices, or their number, at least 1", shorten(repr(devices))
-    )
-
-
-def _take_in_turn(devices: Sequence[jax.Device], count: int) -> list[jax.Device]:
-    """Returns `count` devices. If there are fewer, they are repeated in their order."""
-    return list(islice(cycle(devices), count))
+        count = devices
+    else:
+        expected = "JAX's devices, or their number, at least 1"
+        raise InputError("devices", expected, shorten(repr(devices)))
+    # If there are fewer devices, they are repeated in their order.
+    return list(islice(cycle(local), count))
 
 
 def device_of_each_part(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:

@@ -34,24 +34,16 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import AnyArray, Plain, Pytree, Tree
 from elitelanes_jax.network.bits import THREEFRY
-from elitelanes_jax.search._compiling import CompiledPrograms
-from elitelanes_jax.search._devices import device_of_each_part
-from elitelanes_jax.search._setup import (
+from elitelanes_jax.search._compiling import (
     ADVANCE,
     COLLECT,
-    MOST_GENERATIONS,
     START,
-    KeyData,
+    CompiledPrograms,
     SearchFacts,
-    Setup,
-    TraceableSearch,
 )
-from elitelanes_jax.search.compile_cache import (
-    find_file,
-    find_folder,
-    settings_of_thread,
-    unique_prefix,
-)
+from elitelanes_jax.search._devices import device_of_each_part
+from elitelanes_jax.search._setup import MOST_GENERATIONS, KeyData, Setup
+from elitelanes_jax.search.compile_cache import find_file, find_folder, settings_of_thread
 from elitelanes_jax.search.records import History, MeasuredElites, is_key, to_numpy
 
 Parts: TypeAlias = list[Pytree]
@@ -63,12 +55,6 @@ _SECONDS_A_CALL = 0.2
 
 # The searches whose programs stay in memory. Each takes about 18 MB.
 _MOST_SEARCHES = 64
-
-_with_jit = jax.disable_jit(False)
-"""Runs JAX's `jit` whatever the setting `jax_disable_jit` is.
-
-Without `jit` JAX refuses to run compiled programs.
-"""
 
 
 class Programs:
@@ -110,22 +96,18 @@ class Programs:
         file = None
         # The name of a file has a digest of the package's sources. The user's sources are unknown.
         if folder is not None and not setup.has_user_functions():
-            numbers, structure = jax.tree.flatten(setup)
-            shapes = [(leaf.shape, str(leaf.dtype)) for leaf in (*numbers, keys)]
-            file = find_file(folder, structure, shapes, rows)
-        prefix = "" if file is None else unique_prefix()
-        self._compiled = CompiledPrograms(file, floats)
-        self._traceable = TraceableSearch(setup, keys, rows, self._compiled.facts, prefix)
+            file = find_file(folder, setup, keys, rows)
+        self._compiled = CompiledPrograms(setup, keys, rows, floats, file)
 
     @property
     def facts(self) -> SearchFacts:
         """What is known of the search. Traces the optimiser unless a file has it."""
-        return self._traceable.facts
+        return self._compiled.facts
 
     @property
     def states(self) -> Pytree:
         """The shapes and dtypes of the states of all seeds."""
-        return self._traceable.states
+        return self._compiled.states
 
     @property
     def memory(self) -> int:
@@ -153,7 +135,7 @@ class Programs:
             # This program runs once for a search, and the last one once for a result.
             needed |= {(START, device): cells_per_step for device in self._devices}
         needed[COLLECT, jax.local_devices()[0]] = 0
-        self._compiled.add(needed, self._lower, self.facts)
+        self._compiled.prepare(needed)
 
     def start_parts(self, setup: Setup, keys: Sequence[KeyData]) -> Parts:
         """Returns the states of generation 0; there are keys for each part."""
@@ -200,7 +182,7 @@ class Programs:
     def collect_parts(self, setup: Setup, parts: Parts) -> tuple[MeasuredElites, Pytree]:
         """Returns the elites and the states of all seeds."""
         states = jax.device_put(join(parts, self._seeds))
-        return self._run(COLLECT, jax.local_devices()[0], setup, states), states
+        return self._compiled.run(COLLECT, jax.local_devices()[0], setup, states), states
 
     def divide(self, tree: Tree) -> list[Tree]:
         """Divides the keys or the states of all seeds into parts."""
@@ -230,25 +212,12 @@ class Programs:
         """Runs a program with the arguments of each part; returns the results in order."""
         calls = []
         for device, part in zip(self._devices, arguments, strict=True):
-            calls.append(partial(self._run, program, device, setup, *part))
+            calls.append(partial(self._compiled.run, program, device, setup, *part))
         return side_by_side(calls, workers=self._workers)
-
-    @runs_jax
-    @_with_jit
-    def _run(self, program: str, device: jax.Device, *arguments: Pytree) -> Pytree:
-        return self._compiled.run(program, device, *arguments)
-
-    def _lower(self, program: str, device: jax.Device) -> jax.stages.Lowered:
-        sharding = None
-        # Arguments on the default device are not bound to it, see `_put`, and the program has to
-        # expect them as they come.
-        if device != jax.local_devices()[0]:
-            sharding = jax.sharding.SingleDeviceSharding(device)
-        return self._traceable.lower(program, sharding)
 
 
 def find_programs(
-    setup: Setup, keys: KeyData, devices: Sequence[jax.Device], floats: bool = False
+    setup: Setup, keys: KeyData, devices: Sequence[jax.Device], floats: bool
 ) -> Programs:
     """Returns the programs of a search.
 

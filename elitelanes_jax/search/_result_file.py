@@ -64,8 +64,8 @@ _STATE, _FEATURE = "state.", "features."
 _FEATURE_KIND = ("int32", "SN")
 
 
-class StoredResult(NamedTuple):
-    """A result in a file: the fields of `Result`, and the seed that its keys were made from."""
+class ResultFields(NamedTuple):
+    """The fields of `Result`."""
 
     elites: MeasuredElites
     history: History
@@ -73,11 +73,13 @@ class StoredResult(NamedTuple):
     search: Search
     config: Config | None
     functions: tuple[tuple[str, str], ...]
-    seed: int | None
 
 
-def write_result(file: Path, result: StoredResult, *, state: bool) -> None:
-    """Writes a result, whole or not at all; `state` says whether also its state and its speeds."""
+def write_result(file: Path, result: ResultFields, *, state: bool, seed: int | None) -> None:
+    """Writes a result, whole or not at all.
+
+    `state` says whether also its state and its speeds, and `seed` is noted.
+    """
     arrays = _arrays_of(result.elites, result.history)
     # Only functions of the user make grids that are refused. `read_result` adds zeros.
     if not arrays[_REFUSED].any():
@@ -92,7 +94,7 @@ def write_result(file: Path, result: StoredResult, *, state: bool) -> None:
     settings: dict[str, Plain] = {
         "format": _FORMAT,
         "version": __version__,
-        "seed": result.seed,
+        "seed": seed,
         "axes": [axis._asdict() for axis in result.search.axes],
         "search": result.search.to_plain(),
         "config": result.config and config_to_plain(result.config),
@@ -102,8 +104,11 @@ def write_result(file: Path, result: StoredResult, *, state: bool) -> None:
     write_atomic(file, npz_bytes(arrays, settings))
 
 
-def read_result(path: str | Path) -> StoredResult:
-    """Reads what `write_result` wrote. See `Result.load` for the errors."""
+def read_result(path: str | Path) -> tuple[ResultFields, int | None]:
+    """Reads a result and its seed, as `write_result` wrote them.
+
+    See `Result.load` for the errors.
+    """
     settings, arrays = read_npz(path)
     # The errors of these steps say only what the file is. The file is named once, here.
     try:
@@ -125,7 +130,7 @@ def read_result(path: str | Path) -> StoredResult:
     )
     check_named(str(path), check_metrics, elites)
     history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
-    return StoredResult(elites, history, state, search, config, functions, seed)
+    return ResultFields(elites, history, state, search, config, functions), seed
 
 
 def check_can_save(state: Iterable[AnyArray | jax.ShapeDtypeStruct]) -> None:

@@ -4,10 +4,9 @@ They are checked, and a changed function is recognised.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from inspect import unwrap
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,40 +17,12 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.optimizers.loop import check_state
 from elitelanes_jax.optimizers.presets import PRESETS, Config, find_preset, user_moves, with_moves
-from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, digest
-from elitelanes_jax.search._setup import Factory, Setup
+from elitelanes_jax.problem.kernels import Digest, apply_fitness, check_fitness, digest
+from elitelanes_jax.search._setup import Extensions, Factory, Setup
 from elitelanes_jax.search.compile_cache import settings_of_thread
 from elitelanes_jax.search.resolve import Search, with_method
 from elitelanes_jax.search.settings import CUSTOM
 from elitelanes_jax.search.spec import SearchSpec
-
-
-@dataclass(frozen=True, kw_only=True)
-class Extensions:
-    """What a user adds to a search besides its options, checked.
-
-    The fields are arguments of `evolve`.
-
-    Attributes:
-      config: a configuration in place of the preset's, or None.
-      optimizer: a factory in place of a method, or None.
-      kernels: the kernels of the user's features, by name.
-      fitness: the fitness function of the user, or None.
-      moves: the weights and moves of the user, by name, or None.
-    """
-
-    config: Config | None = None
-    optimizer: Factory | None = None
-    kernels: Mapping[str, Kernel] = field(default_factory=dict)
-    fitness: Fitness | None = None
-    moves: Mapping[str, UserValue] | None = None
-
-
-class Digest(NamedTuple):
-    """What a function of the user computes: equal digits for the same operations and constants."""
-
-    digits: str
-    uses_floats: bool
 
 
 def set_method(
@@ -198,7 +169,7 @@ def digest_functions(setup: Setup) -> dict[str, Digest]:
         bits = jax.ShapeDtypeStruct((move.bits,), jnp.uint32)
         if name in digests:
             name = f"move {name}"
-        digests[name] = Digest(*digest(move.apply, bits, grid, grid))
+        digests[name] = digest(move.apply, bits, grid, grid)
     return digests
 
 
@@ -206,14 +177,14 @@ def _digest_kernels(setup: Setup) -> dict[str, Digest]:
     """Returns the digests of the user's features and fitness, by name."""
     problem = setup.problem
     grid = jax.ShapeDtypeStruct(problem.shape, jnp.int8)
-    digests = {name: Digest(*digest(kernel, grid)) for name, kernel in problem.kernels}
+    digests = {name: digest(kernel, grid) for name, kernel in problem.kernels}
     if problem.fitness is not None:
         grids = jax.ShapeDtypeStruct((1, *problem.shape), jnp.int8)
         features = jax.ShapeDtypeStruct((1, len(problem.feature_names)), jnp.int32)
         usual = jax.ShapeDtypeStruct((1,), jnp.int32)
         fitness = partial(apply_fitness, problem.fitness, problem.feature_names)
         name = "user fitness" if "fitness" in digests else "fitness"
-        digests[name] = Digest(*digest(fitness, grids, features, usual))
+        digests[name] = digest(fitness, grids, features, usual)
     return digests
 
 
@@ -230,7 +201,7 @@ def _digest_optimizer(
     """
     setup: Setup = jax.tree.unflatten(structure, numbers)
     key = jax.eval_shape(partial(jax.random.key, impl=setup.key_kind), 0)
-    return Digest(*digest(_call_all, setup, key))
+    return digest(_call_all, setup, key)
 
 
 def _call_all(setup: Setup, key: Key[Array, ""]) -> Pytree:

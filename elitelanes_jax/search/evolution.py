@@ -25,7 +25,8 @@ from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.presets import Config
 from elitelanes_jax.problem.kernels import Fitness, Kernel, check_kernels
 from elitelanes_jax.problem.problem import Problem
-from elitelanes_jax.search._user_functions import Extensions, set_method
+from elitelanes_jax.search._setup import Extensions
+from elitelanes_jax.search._user_functions import set_method
 from elitelanes_jax.search.keys import check_keys
 from elitelanes_jax.search.parts import evolve_on_workers
 from elitelanes_jax.search.records import RunState

@@ -4,19 +4,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, TypedDict, cast
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named, flag, none_or, real
+from elitelanes_jax._util.checks import check_named, flag, instance, none_or
 from elitelanes_jax._util.engine import Pool, call_on_workers, part_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json, write_json
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.search._devices import choose_devices
-from elitelanes_jax.search._user_functions import Extensions
+from elitelanes_jax.search._setup import Extensions
 from elitelanes_jax.search.compile_cache import use_compile_cache
 from elitelanes_jax.search.joining import join_parts_of_run, without_state
 from elitelanes_jax.search.keys import SearchKeys
@@ -30,16 +30,14 @@ _SEEDS_A_PART = 32
 
 
 class EvolvedPart(NamedTuple):
-    """The result of some seeds of a search, and the figures for its record.
+    """The result of some seeds of a search, and where they ran.
 
     Attributes:
       result: the result, without a state to continue from.
-      seconds: the seconds that the generations took.
       device: the kind of the device.
     """
 
     result: Result
-    seconds: float
     device: str
 
 
@@ -167,36 +165,27 @@ def _evolve_task(
     result = evolve_search(*task, extensions, progress=False)
     # Arrays of NumPy can travel to a process with other devices.
     arrays = jax.tree.map(np.asarray, without_state(result))
-    return EvolvedPart(arrays, result.history.seconds, jax.devices()[0].device_kind)
-
-
-class _Figures(TypedDict):
-    """The figures of a part, next to its result, see `EvolvedPart`."""
-
-    seconds: float
-    device: str
+    return EvolvedPart(arrays, jax.devices()[0].device_kind)
 
 
 def _save(path: Path, part: EvolvedPart) -> None:
-    """Writes a part and then its figures, so that a part with figures is complete."""
+    """Writes a part and then its device, so that a part with a device is complete."""
     path.parent.mkdir(exist_ok=True)
     part.result.save(path.with_suffix(".npz"))
-    write_json(path.with_suffix(".json"), {"seconds": part.seconds, "device": part.device})
+    write_json(path.with_suffix(".json"), part.device)
 
 
 def _load(path: Path, search: Search) -> EvolvedPart | None:
     """Returns a complete part of an equal search, or None."""
     try:
-        # A wrong table or field raises one of the errors below.
-        figures = cast("_Figures", read_json(path.with_suffix(".json")))
-        seconds, device = real(0)(figures["seconds"]), str(figures["device"])
+        device = instance(str)(read_json(path.with_suffix(".json")))
         result = Result.load(path.with_suffix(".npz"))
-    # An `InputError` of the checks is a `ValueError` too.
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    # An `InputError` of the check is a `ValueError` too.
+    except (OSError, ValueError, RecursionError):
         # The part is missing or damaged, so it is evolved again.
         return None
     # The folder may hold parts of an earlier search, such as one with another budget.
     if result.search != search:
         return None
     # `Search.inputs` is not saved, so the search of the caller is taken.
-    return EvolvedPart(replace(result, search=search), seconds, device)
+    return EvolvedPart(replace(result, search=search), device)

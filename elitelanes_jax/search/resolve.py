@@ -283,11 +283,22 @@ def _complete(settings: Settings, shape: tuple[int, int]) -> Search:
     ranges = settings.where
     if settings.inventory is not None:
         ranges = within_inventory(settings.where, settings.inventory)
-    measured = _measured(settings, ranges)
     # Rules and an inventory leave cells empty, which a repair that fills would not allow.
     fills = settings.fill
     if fills is None:
         fills = settings.rules is None and settings.inventory is None
+    asked = dict(settings.weights)
+    columns = columns_for(
+        [axis.metric for axis in settings.axes or ()],
+        [item.name for item in ranges],
+        [name for name in asked if name not in Weights._fields],
+        settings.features,
+        [target.name for target in settings.targets],
+    )
+    measured = columns[len(METRIC_NAMES) :]
+    weights = Weights() if settings.rules is None else RULES[settings.rules].weights
+    metric_weights = {name: asked[name] for name in asked if name in Weights._fields}
+    feature_weights = tuple(asked.get(name, 0) for name in measured)
     return Search(
         shape=shape,
         settings=settings,
@@ -296,40 +307,9 @@ def _complete(settings: Settings, shape: tuple[int, int]) -> Search:
         axes=complete_axes(settings.axes, settings.preset, shape),
         ranges=ranges,
         measured=measured,
-        weights=_metric_weights(settings),
-        feature_weights=_feature_weights(settings, measured),
+        weights=weights._replace(**metric_weights),
+        feature_weights=feature_weights if any(feature_weights) else None,
     )
-
-
-def _metric_weights(settings: Settings) -> Weights:
-    """Returns the weights of the metrics: those asked for, otherwise those of the rules."""
-    weights = Weights()
-    if settings.rules is not None:
-        weights = RULES[settings.rules].weights
-    asked = {name: weight for name, weight in settings.weights if name in Weights._fields}
-    return weights._replace(**asked)
-
-
-def _feature_weights(settings: Settings, measured: tuple[str, ...]) -> tuple[int, ...] | None:
-    """Returns the weights of the measured features; None if all are 0."""
-    asked = dict(settings.weights)
-    weights = tuple(asked.get(name, 0) for name in measured)
-    if not any(weights):
-        return None
-    return weights
-
-
-def _measured(settings: Settings, ranges: tuple[Range, ...]) -> tuple[str, ...]:
-    """Returns the features that are measured besides the metrics.
-
-    They are all features that the settings name, and the user's.
-    """
-    axis_names = [axis.metric for axis in settings.axes or ()]
-    range_names = [item.name for item in ranges]
-    weighed_names = [name for name, _ in settings.weights if name not in Weights._fields]
-    target_names = [target.name for target in settings.targets]
-    columns = columns_for(axis_names, range_names, weighed_names, settings.features, target_names)
-    return columns[len(METRIC_NAMES) :]
 
 
 def _check_choices(settings: Settings) -> None:

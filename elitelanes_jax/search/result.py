@@ -22,7 +22,7 @@ from elitelanes_jax.optimizers.presets import Config
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.problem.ranges import Range, parse_ranges, satisfies
-from elitelanes_jax.search._result_file import StoredResult, read_result, write_result
+from elitelanes_jax.search._result_file import ResultFields, read_result, write_result
 from elitelanes_jax.search.records import (
     History,
     MeasuredElites,
@@ -241,10 +241,7 @@ class Result:
         """
         file = check_named("path", file_named(".npz"), path)
         seed = check_named("seed", none_or(SEED), seed)
-        stored = StoredResult(
-            self.elites, self.history, self.state, self.search, self.config, self.functions, seed
-        )
-        write_result(file, stored, state=state)
+        write_result(file, ResultFields(**vars(self)), state=state, seed=seed)
 
     @classmethod
     def load(cls, path: str | Path) -> "Result":
@@ -262,11 +259,8 @@ class Result:
 @runs_jax
 def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     """Returns what `Result.load` returns, and the seed that is noted in the file, or None."""
-    stored = read_result(check_named("path", checked_path, path))
-    result = Result(
-        stored.elites, stored.history, stored.state, stored.search, stored.config, stored.functions
-    )
-    return result, stored.seed
+    fields, seed = read_result(check_named("path", checked_path, path))
+    return Result(*fields), seed
 
 
 class SearchInterrupted(KeyboardInterrupt):

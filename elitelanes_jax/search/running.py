@@ -41,9 +41,8 @@ from elitelanes_jax.search._checkpoint import Checkpoint
 from elitelanes_jax.search._devices import choose_devices
 from elitelanes_jax.search._programs import Parts, Programs, find_programs
 from elitelanes_jax.search._result_file import check_can_save
-from elitelanes_jax.search._setup import KeyData, Setup, make_setup
+from elitelanes_jax.search._setup import Extensions, KeyData, Setup, make_setup
 from elitelanes_jax.search._user_functions import (
-    Extensions,
     check_extensions,
     digest_functions,
     find_config,
@@ -112,7 +111,7 @@ def compile_search(search: Search, keys: SearchKeys) -> None:
       MemoryError: as `evolve`.
     """
     run = prepare_run(search, keys, Extensions(), choose_devices())
-    _check_memory(run.programs.memory, run.seeds, search.shape)
+    _check_memory(run)
     # The generations are those that `_evolve` prepares for, because they decide how far the
     # programs are optimised. The evaluations are counted there, when they are made.
     run.programs.prepare(starts=True, generations=run.steps, counts=False)
@@ -173,14 +172,8 @@ def prepare_run(
     """Checks the user's functions, and finds the programs of a search. Compiles nothing."""
     check_extensions(search, extensions)
     config = find_config(search, extensions)
-    setup = make_setup(
-        search,
-        config,
-        keys.kind,
-        factory=extensions.optimizer,
-        kernels=extensions.kernels,
-        fitness=extensions.fitness,
-    )
+    recorded = record_method(search, config, extensions)
+    setup = make_setup(search, config, keys.kind, extensions)
     # With the digests in its structure, the setup of an edited function finds other programs.
     digests = digest_functions(setup)
     functions = tuple((name, digest.digits) for name, digest in digests.items())
@@ -190,21 +183,15 @@ def prepare_run(
     # The budget and the devices are not part of the fingerprint, so both may change when a run is
     # continued.
     return Run(
-        search=record_method(search, config, extensions),
+        search=recorded,
         config=config,
         keys=keys,
         functions=functions,
-        fingerprint=zlib.crc32(_describe(setup).encode() + keys.data.tobytes()),
+        fingerprint=zlib.crc32(setup.describe().encode() + keys.data.tobytes()),
         setup=jax.device_put(setup),
         programs=programs,
         key_parts=programs.divide(keys.data),
     )
-
-
-def _describe(setup: Setup) -> str:
-    """Returns all that matters of a setup as a text; the names of the user's functions do not."""
-    numbers, structure = jax.tree.flatten(setup.without_functions())
-    return repr((structure, [number.tolist() for number in numbers]))
 
 
 def _evolve(
@@ -217,7 +204,7 @@ def _evolve(
     """Runs a search from the start, or from what it has reached, to generation `last`."""
     done = 0
     if reached is None:
-        _check_memory(run.programs.memory, run.seeds, run.search.shape)
+        _check_memory(run)
     else:
         done = reached.generation
     # A complete checkpoint is not written again.
@@ -295,18 +282,19 @@ def _check_budget(run: Run, folder: Path, generation: int, last: int) -> None:
     raise InputError(folder, f"{expected} or more, as many as are done", got)
 
 
-def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
+def _check_memory(run: Run) -> None:
     """Checks that a search fits into the free memory.
 
     It needs room for the compiler, and for the states before and after a step.
     """
     free = _free_memory_of_device()
-    needed = 2 * states + _COMPILER
+    states = 2 * run.programs.memory
+    needed = states + _COMPILER
     if needed <= free:
         return
-    height, width = shape
-    search = f"{pluralize(seeds, 'seed')} of {height} x {width} tiles"
-    fitting_seeds = max(free - _COMPILER, 0) * seeds // (2 * states)
+    height, width = run.search.shape
+    search = f"{pluralize(run.seeds, 'seed')} of {height} x {width} tiles"
+    fitting_seeds = max(free - _COMPILER, 0) * run.seeds // states
     hint = "smaller maps or fewer niches would fit"
     if fitting_seeds:
         hint = f"{pluralize(fitting_seeds, 'seed')} at most would fit"

@@ -26,7 +26,6 @@ from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax.search import _compiling, _programs, compile_cache
 from elitelanes_jax.search._compiling import CompiledPrograms, ProgramKey
 from elitelanes_jax.search._programs import Programs
-from elitelanes_jax.search._setup import TraceableSearch
 from elitelanes_jax.search.compile_cache import find_file, find_folder, load, save
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.keys import keys_of_seeds
@@ -76,7 +75,7 @@ def test_forgotten_programs_leave_nothing(folder):
 def in_a_new_process(monkeypatch):
     """As in a new process, no program is known; from here on none may be traced."""
     forget_programs()
-    monkeypatch.setattr(TraceableSearch, "lower", None)
+    monkeypatch.setattr(CompiledPrograms, "_lower", None)
 
 
 @pytest.mark.parametrize(

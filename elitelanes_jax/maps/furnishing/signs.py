@@ -20,7 +20,7 @@ from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
-from elitelanes_jax.maps.furnishing.space import make_object
+from elitelanes_jax.maps.furnishing.space import has_road, make_object
 from elitelanes_jax.network.codes import CORNERS, SIDES
 
 # These are the distances of the first sign, the second sign and the stand of a light. They are in
@@ -56,16 +56,9 @@ def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
 
 
 def has_free_corners(codes: NDArray[np.int8], crossing: Cell) -> bool:
-    """Returns whether no cell diagonally next to a crossing has a road.
-
-    Cells outside the map have none.
-    """
-    height, width = codes.shape
-    for down, right in CORNERS:
-        row, column = crossing[0] + down, crossing[1] + right
-        if 0 <= row < height and 0 <= column < width and codes[row, column]:
-            return False
-    return True
+    """Returns whether no cell diagonally next to a crossing has a road."""
+    row, column = crossing
+    return not any(has_road(codes, (row + down, column + right)) for down, right in CORNERS)
 
 
 def place_signs(

@@ -27,6 +27,13 @@ def make_object(kind: str, x: float, y: float, angle: float, *, static: bool = T
     )
 
 
+def has_road(codes: NDArray[np.int8], cell: Cell) -> bool:
+    """Returns whether a cell has a road. Cells outside the map have none."""
+    row, column = cell
+    height, width = codes.shape
+    return 0 <= row < height and 0 <= column < width and codes[cell] > 0
+
+
 def outline_of(thing: MapObject) -> list[Point]:
     """Returns the four corners of an object's footprint, in tiles.
 

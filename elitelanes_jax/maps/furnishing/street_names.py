@@ -20,7 +20,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.tags import SIGN_TAGS, STREET_NAMES, STREETS
 from elitelanes_jax.lanes.links import Cell, linked_tiles, walk_roads
-from elitelanes_jax.maps.furnishing.space import Point, Space, make_object
+from elitelanes_jax.maps.furnishing.space import Point, Space, has_road, make_object
 from elitelanes_jax.network.codes import KIND_OF, SIDES
 
 STREET_NAME = "sign_street_name"
@@ -230,15 +230,12 @@ def _beside(codes: Int8[np.ndarray, "H W"], tile: Cell) -> Iterator[MapObject]:
     """
     if codes[tile] not in (5, 10):
         return
-    height, width = codes.shape
     for side in SIDES:
         if not codes[tile] & side.bit:
             continue
         # This neighbour is across the road, a quarter turn from a side that the tile opens. The
         # rows down to it are the columns right to that side, and vice versa.
         down, right = side.right, side.down
-        row, column = tile[0] + down, tile[1] + right
-        is_inside = 0 <= row < height and 0 <= column < width
-        if not (is_inside and codes[row, column]):
+        if not has_road(codes, (tile[0] + down, tile[1] + right)):
             x, y = tile[1] + 0.5 + _BESIDE * right, tile[0] + 0.5 + _BESIDE * down
             yield make_object(STREET_NAME, x, y, atan2(down, -right))
