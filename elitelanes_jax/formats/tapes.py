@@ -5,7 +5,7 @@ Road Tiles".
 """
 
 from itertools import pairwise
-from math import cos, hypot, pi, sin
+from math import cos, fsum, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +44,8 @@ class Tape(NamedTuple):
     @property
     def length(self) -> float:
         """The length in metres, with the gaps that are cut into yellow tape."""
-        return sum(hypot(x - u, y - v) for (x, y), (u, v) in pairwise(self.points))
+        # The plain sum of floats has other last bits from Python 3.12 on.
+        return fsum(hypot(x - u, y - v) for (x, y), (u, v) in pairwise(self.points))
 
 
 def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tuple[Tape, ...]:
