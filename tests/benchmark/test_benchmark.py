@@ -431,7 +431,7 @@ def climb(task, rng, operators):
         grids = operators.mutate(grids)
 
 
-@pytest.mark.parametrize("name", ["tiles", "links", "moves"])
+@pytest.mark.parametrize("name", [pytest.param("tiles", marks=pytest.mark.slow), "links", "moves"])
 def test_runs_on_fixed_operators_repeat_and_change_one_thing(name, tmp_path):
     one = run_task(PAIR, climb, [3, 4], operators=name)
     np.testing.assert_array_equal(run_task(PAIR, climb, [4], operators=name).grids[0], one.grids[1])

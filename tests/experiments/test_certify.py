@@ -83,7 +83,10 @@ def test_enumeration_finds_the_same(height, width, fill):
 
 
 @pytest.mark.parametrize("fill", [True, False])
-@pytest.mark.parametrize("tiles", [pytest.param("turns", marks=pytest.mark.slow), "crossings", "straights"])
+@pytest.mark.parametrize(
+    "tiles",
+    [pytest.param("turns", marks=pytest.mark.slow), pytest.param("crossings", marks=pytest.mark.slow), "straights"],
+)
 def test_enumeration_finds_the_same_niches_of_two_descriptors(tiles, fill):
     """Networks with a bridge do not count. Without all cells filled, smaller grids of the corner are included."""
     grids, values, cyclomatic, flawless = enumerated()

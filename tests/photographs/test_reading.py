@@ -131,7 +131,9 @@ def test_a_damaged_jpeg_is_named_without_complaints_of_the_decoder(progressive, 
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("sampling", [0x111111, 0x211111, 0x221111])
+@pytest.mark.parametrize(
+    "sampling", [pytest.param(sampling, marks=pytest.mark.slow) for sampling in (0x111111, 0x211111)] + [0x221111]
+)
 def test_one_changed_byte_that_shifts_what_follows_is_damage(sampling):
     """The decoder complains of half of these files. A shift of few pixels or by few levels is no damage."""
     plain = np.array(photographed.photograph(TOWN))
