@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, replace
 from functools import partial
 from inspect import signature
+from types import SimpleNamespace
 
 import chex
 import jax
@@ -422,6 +423,9 @@ def test_a_search_that_cannot_fit_is_refused_before_it_is_compiled(monkeypatch):
     with pytest.raises(MemoryError, match="smaller maps or fewer niches would fit$"):
         evolve(0, (6, 7), seeds=40, generations=1)
     # A step has the states before and after it.
-    _check_memory(5, 5, (6, 7))
+    programs = SimpleNamespace(memory=5)
+    run = SimpleNamespace(search=SimpleNamespace(shape=(6, 7)), seeds=5, programs=programs)
+    _check_memory(run)
+    programs.memory = 6
     with pytest.raises(MemoryError, match="5 seeds of 6 x 7 .*; 4 seeds at most would fit$"):
-        _check_memory(6, 5, (6, 7))
+        _check_memory(run)
