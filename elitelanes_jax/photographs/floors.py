@@ -91,7 +91,7 @@ class CutFloors(NamedTuple):
 
     @property
     def used(self) -> list[Proposal]:
-        """Where the tiles of each photograph are in which they were found."""
+        """The proposals of the photographs whose tiles were cut."""
         return [proposal for proposal in self.proposals if proposal.is_sure]
 
 
