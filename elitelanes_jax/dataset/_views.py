@@ -94,7 +94,7 @@ def draw_view(
         last = np.maximum(first, np.floor((sides + shown) / 2 - transforms.crop))
         x, y = np.floor(first + position * (last - first + 1))
         matrix, frame = _shift(-x, -y) @ matrix, (transforms.crop, transforms.crop)
-    # Contrast and colours are factors around mid-grey, which they leave as it is.
+    # Contrast and colours are factors around mid-grey, which itself does not change.
     gain = 1 + contrast * transforms.contrast
     red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)
     return DrawnTransform(

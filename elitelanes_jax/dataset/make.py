@@ -90,7 +90,7 @@ def make_planned(
     complete = _read_complete(out, asked, force)
     if complete is not None:
         return complete
-    # The dataset must not replace what it is made from.
+    # The dataset must not replace its own inputs.
     inputs: list[str | Path] = [*spec.inputs, *spec.search.inputs]
     if spec.maps_from is not None:
         inputs += spec.maps_from.paths

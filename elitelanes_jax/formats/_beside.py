@@ -6,8 +6,8 @@ from itertools import product
 from typing import NamedTuple
 
 from elitelanes_jax.lanes.curves import Curve
-from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.links import Cell
 
 
 class Place(NamedTuple):

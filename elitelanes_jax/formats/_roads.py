@@ -7,9 +7,10 @@ import math
 from itertools import pairwise
 
 from elitelanes_jax.lanes.curves import Curve, middle_of_side, moved
-from elitelanes_jax.lanes.links import Cell, side_towards, walk_roads
+from elitelanes_jax.lanes.links import side_towards, walk_roads
 from elitelanes_jax.lanes.movements import LaneNode, Movement, turn_between
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.links import Cell
 
 
 def cut_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cell]]:

@@ -15,8 +15,9 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import lane_polyline, middle_of_side
-from elitelanes_jax.lanes.links import Cell, linked_tiles
+from elitelanes_jax.lanes.links import linked_tiles
 from elitelanes_jax.lanes.movements import BACK, TURNS, LaneNode, Movement, lane_graph
+from elitelanes_jax.network.links import Cell
 
 Line: TypeAlias = Complex128[np.ndarray, " P"]
 """Points in metres, x + y·i."""

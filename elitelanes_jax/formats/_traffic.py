@@ -16,8 +16,8 @@ from elitelanes_jax.formats._scene import Lanelet, Line, Scene, make_scene
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import CHORDS, lane_curves, moved
-from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import LaneNode, Movement, no_lane_error
+from elitelanes_jax.network.links import Cell
 
 AGENTS = 32
 """The most cars of a map."""

@@ -34,8 +34,9 @@ from elitelanes_jax.formats.objects import (
     check_kind,
     check_object,
 )
-from elitelanes_jax.lanes.links import Cell, linked_codes
+from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, NORTH, SOUTH, WEST, rotate_codes
+from elitelanes_jax.network.links import Cell
 
 OBJECT_LAYERS = ("traffic_signs", "ground_tags", "citizens", "vehicles", "decorations")
 """The layers of objects. The library has no type for decorations, and keeps them as they are."""

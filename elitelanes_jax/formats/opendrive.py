@@ -31,8 +31,9 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import Signal, is_signal, list_signals
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import Curve, lane_curves
-from elitelanes_jax.lanes.links import Cell, side_towards
+from elitelanes_jax.lanes.links import side_towards
 from elitelanes_jax.lanes.movements import BACK, LaneNode
+from elitelanes_jax.network.links import Cell
 
 # Between adjacent crossings, roads lead this far beyond the border, in metres, or in tiles if that
 # is less. Readers join points that are up to 0.05 m apart. It displaces turning lanes by 0.02 m.

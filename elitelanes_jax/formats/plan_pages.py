@@ -33,7 +33,7 @@ from elitelanes_jax.formats.plan_drawing import (
     write_columns,
 )
 from elitelanes_jax.formats.tapes import REFERENCE, TAPE_WIDTHS, tapes_of
-from elitelanes_jax.lanes.links import Cell
+from elitelanes_jax.network.links import Cell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,9 +14,9 @@ from jaxtyping import Complex128, Float64
 from elitelanes_jax.formats._roads import arrival
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import LaneNode
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.links import Cell
 
 # A sign at this distance in tiles, or farther away, belongs to no crossing.
 _FAR = 1.5

@@ -27,9 +27,10 @@ from elitelanes_jax.formats._scene import Scene, make_scene
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import CHORDS
-from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
+from elitelanes_jax.lanes.links import linked_tiles, side_towards
 from elitelanes_jax.lanes.movements import LaneNode
 from elitelanes_jax.network.codes import CONNECTIONS
+from elitelanes_jax.network.links import Cell
 
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
 _SETTINGS = {

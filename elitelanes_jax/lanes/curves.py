@@ -16,9 +16,9 @@ from numpy.typing import DTypeLike
 from elitelanes_jax._util.checks import is_real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import ArrayT, UserValue
-from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import BACK, Movement
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.links import Cell
 
 # Half of the yellow tape, 0.012 m, and half of the lane, 0.105 m, are 0.2 of a tile's 0.585 m.
 LANE_OFFSET = 0.2

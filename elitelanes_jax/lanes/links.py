@@ -8,10 +8,7 @@ from jaxtyping import Int
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.network.checks import check_grid, known_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, SIDES, Side
-from elitelanes_jax.network.links import linked_neighbours
-
-Cell = tuple[int, int]
-"""A cell of a grid: row and column, from the north-west corner."""
+from elitelanes_jax.network.links import Cell, linked_neighbours
 
 Codes: TypeAlias = Int[Untyped, "H W"]
 """A grid of codes, an array of NumPy or JAX."""

@@ -12,8 +12,9 @@ from jaxtyping import Bool, Int
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Whole, WholeT
-from elitelanes_jax.lanes.links import Cell, Codes, linked_codes
+from elitelanes_jax.lanes.links import Codes, linked_codes
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.links import Cell
 
 TURNS = ("right", "straight", "left")
 """The turns of a movement by their indices."""

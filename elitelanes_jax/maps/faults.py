@@ -16,7 +16,7 @@ from elitelanes_jax._util.progress import announce, announce_at_end
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import crossing_of, heading_of_reader
-from elitelanes_jax.lanes.links import Cell, ends_of_roads
+from elitelanes_jax.lanes.links import ends_of_roads
 from elitelanes_jax.maps.furnishing.signs import (
     CONTROLS,
     LIGHT,
@@ -28,6 +28,7 @@ from elitelanes_jax.maps.furnishing.signs import (
 from elitelanes_jax.maps.furnishing.space import has_road
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.maps.furnishing.street_names import street_name_faults
+from elitelanes_jax.network.links import Cell
 
 
 def warn_of_faults(name: str, road_map: RoadMap) -> None:

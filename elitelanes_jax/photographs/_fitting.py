@@ -94,7 +94,7 @@ class Fit(NamedTuple):
 
     @staticmethod
     def exact(view: FloorView) -> "Fit":
-        """Returns the fit of a view that is taken as it is. All of its border counts as seen."""
+        """Returns the fit of an exact view. All of its border counts as seen."""
         return Fit(view, _NO_SPREAD, 1.0, np.ones(4))
 
     @property

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
+from elitelanes_jax.lanes.links import linked_tiles, side_towards
 from elitelanes_jax.maps.furnishing.space import has_road, make_object
 from elitelanes_jax.network.codes import CORNERS, SIDES
+from elitelanes_jax.network.links import Cell
 
 # These are the distances of the first sign, the second sign and the stand of a light. They are in
 # tiles from the corner of the crossing, along both sides of the cell next to it. Signs of

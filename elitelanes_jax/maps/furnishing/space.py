@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
-from elitelanes_jax.lanes.links import Cell
+from elitelanes_jax.network.links import Cell
 
 Point = tuple[float, float]
 

@@ -19,9 +19,10 @@ from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.tags import SIGN_TAGS, STREET_NAMES, STREETS
-from elitelanes_jax.lanes.links import Cell, linked_tiles, walk_roads
+from elitelanes_jax.lanes.links import linked_tiles, walk_roads
 from elitelanes_jax.maps.furnishing.space import Point, Space, has_road, make_object
 from elitelanes_jax.network.codes import KIND_OF, SIDES
+from elitelanes_jax.network.links import Cell
 
 STREET_NAME = "sign_street_name"
 """The kind of signs that name a road."""
