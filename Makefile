@@ -216,7 +216,7 @@ lowest: .venv-lowest/.ready
 	.venv-lowest/bin/uv pip install --quiet --python .venv-lowest --resolution lowest-direct -e '.[$(TESTED)]'
 	touch $@
 
-# The tests in all environments, one after another, with a row for each in docs/tested.md. ENVIRONMENTS selects some.
+# The tests in all environments, with a row for each in docs/tested.md. ENVIRONMENTS selects some.
 everything: $(READY)
 	$(BIN)/python tests/everything.py $(ENVIRONMENTS)
 

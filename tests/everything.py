@@ -1,4 +1,4 @@
-"""Runs the tests in every environment, one after another, and writes a row for each to docs/tested.md.
+"""Runs the tests in every environment and writes a row for each to docs/tested.md.
 
 `make everything` calls it with `ENVIRONMENTS`, by default all environments. Rows of other environments are kept.
 """
@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from datetime import date
 from pathlib import Path
 from typing import NamedTuple
@@ -20,21 +21,24 @@ PAGE = Path(__file__).parents[1] / "docs" / "tested.md"
 
 
 class Environment(NamedTuple):
-    """The folder of a virtual environment, and the packages that the table lists besides JAX, NumPy, SciPy, OpenCV."""
+    """The folder of a virtual environment, and how its tests run."""
 
     folder: str
     packages: tuple[str, ...] = ()
+    """What the table lists besides JAX, NumPy, SciPy and OpenCV."""
+    all_cores: bool = False
+    """Whether its tests run on all cores (`-n auto`), so that no other environment runs beside it."""
 
 
 ENVIRONMENTS = {
-    "test": Environment(".venv", ("networkx", "numba")),
+    "test": Environment(".venv", ("networkx", "numba"), all_cores=True),
     "interop": Environment(".venv-interop", ("qdax", "evosax", "ribs")),
     "cluster": Environment(".venv-cluster", ("distributed", "submitit", "cloudpickle")),
     "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax", "jaxmarl", "pettingzoo")),
     "sb3": Environment(".venv-sb3", ("gymnasium", "stable-baselines3", "torch", "pufferlib-core")),
     "ued-tests": Environment(".venv-ued", ("jaxued", "gymnax", "flax", "optax")),
     "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
-    "simulators": Environment(".venv-simulators", ("carla", "lanelet2", "eclipse-sumo")),
+    "simulators": Environment(".venv-simulators", ("carla", "lanelet2", "eclipse-sumo"), all_cores=True),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
     "duckietown-sdk": Environment(".venv-duckietown-sdk", ("duckietown-sdk",)),
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh", "usd-core")),
@@ -44,10 +48,10 @@ ENVIRONMENTS = {
     "shards": Environment(".venv-shards", ("webdataset", "datasets", "pyarrow")),
     "yolo": Environment(".venv-yolo", ("ultralytics", "torch")),
     "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
-    "newest": Environment(".venv-newest", ("networkx", "numba")),
-    "lowest": Environment(".venv-lowest", ("networkx", "numba")),
-    "test-types": Environment(".venv", ("jaxtyping", "beartype")),
-    "test-slow": Environment(".venv"),
+    "newest": Environment(".venv-newest", ("networkx", "numba"), all_cores=True),
+    "lowest": Environment(".venv-lowest", ("networkx", "numba"), all_cores=True),
+    "test-types": Environment(".venv", ("jaxtyping", "beartype"), all_cores=True),
+    "test-slow": Environment(".venv", all_cores=True),
 }
 """The environments by the targets of make that run their tests."""
 
@@ -64,7 +68,7 @@ for name in sys.argv[1:]:
 """
 _HEAD = """# Tested with
 
-`make everything` runs the tests in all environments, one after another, and writes this table.
+`make everything` runs the tests in all environments and writes this table.
 Each row is the last run of one target of `make`. A test is skipped if its environment lacks something that it needs.
 After a number of failed tests, their names follow.
 
@@ -82,18 +86,41 @@ def main(names: Sequence[str] = ()) -> int:
     if unknown := [name for name in names if name not in ENVIRONMENTS]:
         print(f"ENVIRONMENTS: expected some of {', '.join(ENVIRONMENTS)}, got {unknown[0]}", file=sys.stderr)
         return 2
+    chosen = names or tuple(ENVIRONMENTS)
     rows, failed = _read_rows(), False
-    for name in names or ENVIRONMENTS:
-        with tempfile.TemporaryDirectory() as folder:
-            report = Path(folder) / "report.xml"
-            options = f"{os.environ.get('PYTEST_ADDOPTS', '')} --junitxml={report}"
-            ran = subprocess.run(["make", name], env=os.environ | {"PYTEST_ADDOPTS": options}, check=False)
-            counts = _counts(report)
-        failed |= bool(ran.returncode) or counts[0] == "0"
-        rows[name] = " | ".join((f"`{name}`", *_versions(ENVIRONMENTS[name]), *counts, date.today().isoformat()))
-        text = _HEAD + "".join(f"| {rows[known]} |\n" for known in ENVIRONMENTS if known in rows)
-        PAGE.write_text(text, encoding="utf-8")
+    # First those that need all cores, one after another; then the others, as many side by side as there are cores.
+    for all_cores, workers in ((True, 1), (False, os.cpu_count() or 1)):
+        with ThreadPoolExecutor(workers) as pool:
+            runs = [pool.submit(_run, name) for name in chosen if ENVIRONMENTS[name].all_cores == all_cores]
+            for run in as_completed(runs):
+                name, passed, row = run.result()
+                failed |= not passed
+                rows[name] = row
+                text = _HEAD + "".join(f"| {rows[known]} |\n" for known in ENVIRONMENTS if known in rows)
+                PAGE.write_text(text, encoding="utf-8")
     return int(failed)
+
+
+def _run(name: str) -> tuple[str, bool, str]:
+    """Runs the tests of an environment; returns its name, whether all passed, and its row."""
+    environment = ENVIRONMENTS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.xml"
+        options = f"{os.environ.get('PYTEST_ADDOPTS', '')} --junitxml={report}"
+        # The output of environments side by side is shown when each has ended.
+        output = None if environment.all_cores else subprocess.PIPE
+        ran = subprocess.run(
+            ["make", name],
+            env=os.environ | {"PYTEST_ADDOPTS": options},
+            stdout=output,
+            stderr=output and subprocess.STDOUT,
+            text=True,
+            check=False,
+        )
+        counts = _counts(report)
+    print(ran.stdout or "", flush=True)
+    row = " | ".join((f"`{name}`", *_versions(environment), *counts, date.today().isoformat()))
+    return name, ran.returncode == 0 and counts[0] != "0", row
 
 
 def _read_rows() -> dict[str, str]:
