@@ -29,8 +29,12 @@ demo: $(PROGRAM)
 test: $(READY)
 	$(BIN)/python -m pytest -n auto --dist loadfile --durations 20
 
+# Without the tests that call programs of others: each of those has a target below.
+PROGRAMS := $(patsubst %,tests/%.py,dataset/test_training experiments/test_transfer formats/test_duckietown \
+  formats/test_duckiematrix formats/test_metadrive formats/test_pufferdrive maps/test_gym_duckietown)
+
 test-slow: $(READY)
-	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow $(addprefix --ignore=,$(PROGRAMS))
 
 # The types in signatures, with the shapes and dtypes of arrays, are checked at every call.
 test-types: $(READY)
