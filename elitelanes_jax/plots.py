@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_whole, items_of, unmasked
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import ArrayOrRows, Untyped, UserValue
 from elitelanes_jax.formats.road_map import as_map
@@ -119,7 +119,7 @@ def _codes_of_loop(loop: UserValue, codes: NDArray[np.int8]) -> NDArray[np.int8]
                 raise ValueError("no index of a tile")
             tiles.append((int(row), int(column)))
     except (TypeError, ValueError):
-        raise InputError("loop", "pairs of row and column", shorten(repr(loop))) from None
+        raise InputError("loop", "pairs of row and column", quote(loop)) from None
     links = linked_codes(codes)
     loop_codes = np.zeros_like(codes)
     for place, following in zip(tiles, [*tiles[1:], *tiles[:1]], strict=True):
@@ -140,12 +140,12 @@ def _check_mask(marked: UserValue, shape: tuple[int, int]) -> NDArray[np.bool_]:
         mask = np.asarray(marked)
     except ValueError:
         # The rows have several lengths.
-        raise InputError("marked", expected, shorten(repr(marked))) from None
+        raise InputError("marked", expected, quote(marked)) from None
     if mask.shape != shape:
         raise InputError("marked", expected, mask.shape)
     # NumPy takes every text for true, also "False".
     if mask.dtype.kind in "SU":
-        raise InputError("marked", expected, shorten(repr(marked)))
+        raise InputError("marked", expected, quote(marked))
     return mask.astype(bool)
 
 
@@ -248,7 +248,7 @@ def archive_map(
         fitness = source.elites.fitness
         own = source.search.axes
         if axes is not None and parse_axes(axes, features=None) != own:
-            raise InputError("axes", "none with a Result, which has its own", shorten(repr(axes)))
+            raise InputError("axes", "none with a Result, which has its own", quote(axes))
         axes = own
     elif hasattr(source, "fitness"):
         # The source is a result's elites.
@@ -287,7 +287,7 @@ def _check_fitness(fitness: UserValue) -> NDArray[np.float64]:
         return np.asarray(fitness, float)
     except (TypeError, ValueError):
         # The values are texts, or rows of several lengths.
-        raise InputError("fitness", "numbers", shorten(repr(fitness))) from None
+        raise InputError("fitness", "numbers", quote(fitness)) from None
 
 
 def _names_of(
@@ -416,7 +416,7 @@ def history(
     result: Untyped = record
     run: History | None = getattr(result, "history", result)
     if run is None or not hasattr(run, name):
-        raise InputError("record", "a result with a history", shorten(repr(record)))
+        raise InputError("record", "a result with a history", quote(record))
     values = np.asarray(getattr(run, name), float)
     if name == "best_fitness":
         # A seed without an elite has the fitness of a vacant slot.
@@ -481,7 +481,7 @@ def _axes(ax: "Axes | None") -> "Axes":
         _, ax = pyplot.subplots(layout="constrained")
         return ax
     if not hasattr(ax, "plot"):
-        raise InputError("ax", "axes of matplotlib", shorten(repr(ax)))
+        raise InputError("ax", "axes of matplotlib", quote(ax))
     return ax
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import Untyped, UserValue
 
 P = ParamSpec("P")
@@ -87,7 +87,7 @@ def _check_flags(function: Callable[..., UserValue], options: Mapping[str, UserV
 
 
 def _wrong_type(name: str, annotation: Untyped, value: UserValue) -> WrongArgumentError:
-    return WrongArgumentError(name, _describe(annotation), shorten(repr(value)))
+    return WrongArgumentError(name, _describe(annotation), quote(value))
 
 
 def _find_wrong(

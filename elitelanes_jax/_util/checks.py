@@ -15,7 +15,7 @@ from typing import Concatenate, ParamSpec, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError, shorten, show_words
+from elitelanes_jax._util.errors import InputError, quote, shorten, show_words
 from elitelanes_jax._util.types import Untyped, UserValue
 
 T = TypeVar("T")
@@ -104,7 +104,7 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check[int]:
         # Nobody needs to know the limits of int32, unless the number is outside of them.
         if most == _LARGEST_INT32 and not is_outside:
             limits = f", {least} or more" if has_least else ""
-        raise InputError("", f"a whole number{limits}", shorten(repr(value), 40))
+        raise InputError("", f"a whole number{limits}", quote(value, 40))
 
     return check
 
@@ -137,7 +137,7 @@ def floor_shape(value: UserValue) -> tuple[int, int]:
     """Checks for the rows and columns of a photographed floor."""
     expected = f"1 to {MOST_FLOOR_SIDE} rows and columns"
     if not isinstance(value, tuple | list) or len(value) != 2:
-        raise InputError("", expected, shorten(repr(value)))
+        raise InputError("", expected, quote(value))
     rows, columns = value
     if not all(is_whole(side) and 1 <= side <= MOST_FLOOR_SIDE for side in value):
         raise InputError("", expected, shorten(f"{rows!r} and {columns!r}"))
@@ -174,7 +174,7 @@ def real(
             at_limit = exclusive and number == least
             if not at_limit:
                 return float(number)
-        raise InputError("", f"{unit}{limit}", shorten(repr(value), 40))
+        raise InputError("", f"{unit}{limit}", quote(value, 40))
 
     return check
 
@@ -204,7 +204,7 @@ def one_of(*names: N) -> Check[N]:
 
     def check(value: UserValue) -> N:
         if not isinstance(value, str) or value not in names:
-            raise InputError("", f"one of {', '.join(names)}", shorten(repr(value), 40))
+            raise InputError("", f"one of {', '.join(names)}", quote(value, 40))
         return names[names.index(value)]
 
     return check
@@ -226,7 +226,7 @@ def none_or(
 def nonblank(value: UserValue) -> str:
     """Checks for a text that is not blank."""
     if not isinstance(value, str) or not value.strip():
-        raise InputError("", "a name", shorten(repr(value)))
+        raise InputError("", "a name", quote(value))
     return value
 
 
@@ -239,14 +239,14 @@ def text_name(value: UserValue) -> str:
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise InputError("", "a name in UTF-8", shorten(repr(text))) from None
+        raise InputError("", "a name in UTF-8", quote(text)) from None
     return text
 
 
 def xml_name(value: UserValue) -> str:
     """Checks for a text that is not blank, of characters that XML 1.0 allows (section 2.2)."""
     if re.search(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", nonblank(value)):
-        raise InputError("", "a name without control characters, as in XML", shorten(repr(value)))
+        raise InputError("", "a name without control characters, as in XML", quote(value))
     return str(value)
 
 
@@ -257,7 +257,7 @@ def path(value: UserValue) -> Path:
     with suppress(UnicodeEncodeError):
         if b"\0" not in os.fsencode(str(value)):
             return value if isinstance(value, Path) else Path(nonblank(value))
-    raise InputError("", "a path", shorten(repr(str(value))))
+    raise InputError("", "a path", quote(str(value)))
 
 
 def is_folder(path: Path) -> bool:
@@ -279,7 +279,7 @@ def paths(value: UserValue) -> list[Path]:
     if isinstance(value, str | Path):
         return [path(value)]
     if not isinstance(value, Iterable):
-        raise InputError("", "paths", shorten(repr(value), 40))
+        raise InputError("", "paths", quote(value, 40))
     checked = [path(item) for item in value]
     if not checked:
         raise InputError("", "at least one", "none")
@@ -301,7 +301,7 @@ def instance(kind: type[T]) -> Check[T]:
 
     def check(value: UserValue) -> T:
         if not isinstance(value, kind):
-            raise InputError("", kind.__name__, shorten(repr(value)))
+            raise InputError("", kind.__name__, quote(value))
         return value
 
     return check
@@ -314,7 +314,7 @@ def listed(kind: type[T]) -> Check[Sequence[T]]:
         # The items of another collection may be gone once they are seen.
         if isinstance(values, list | tuple) and all(isinstance(value, kind) for value in values):
             return values
-        raise InputError("", f"a list of {kind.__name__}", shorten(repr(values)))
+        raise InputError("", f"a list of {kind.__name__}", quote(values))
 
     return check
 
@@ -322,7 +322,7 @@ def listed(kind: type[T]) -> Check[Sequence[T]]:
 def function(value: UserValue) -> Callable[..., Untyped]:
     """Checks for a function."""
     if not callable(value):
-        raise InputError("", "a function", shorten(repr(value)))
+        raise InputError("", "a function", quote(value))
     return value
 
 
@@ -377,7 +377,7 @@ def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; an existing folder may have any name."""
     out = path(value)
     if ends_as_file(out) and not is_folder(out):
-        raise InputError("", "a folder", f"the name of a file, {shorten(repr(str(out)), 40)}")
+        raise InputError("", "a folder", f"the name of a file, {quote(str(out), 40)}")
     return out
 
 

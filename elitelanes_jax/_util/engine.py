@@ -16,6 +16,7 @@ from elitelanes_jax._util.errors import (
     MissingPackageError,
     NotEnoughMapsError,
     NotEnoughMemoryError,
+    quote,
     shorten,
 )
 from elitelanes_jax._util.interruption import raise_if_interrupted
@@ -97,7 +98,7 @@ def check_pool(executor: UserValue, parts: UserValue) -> Pool | None:
         return None
     if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
         expected = "a concurrent.futures.Executor, or another object with its method submit"
-        raise InputError("executor", expected, shorten(repr(executor)))
+        raise InputError("executor", expected, quote(executor))
     return Pool(cast(Engine, executor), parts)
 
 
@@ -185,7 +186,7 @@ def _check_future(value: UserValue) -> Future:
     """Checks what an executor's `submit` returned."""
     if not all(callable(getattr(value, name, None)) for name in ("done", "result", "cancel")):
         expected = "submit to return a future with the methods done, result and cancel"
-        raise InputError("executor", expected, shorten(repr(value)))
+        raise InputError("executor", expected, quote(value))
     return cast(Future, value)
 
 
@@ -283,7 +284,7 @@ def _read(future: Future, index: int, count: int) -> Untyped:
     with _naming_loss(index, count, "its result"):
         outcome = future.result()
         if not isinstance(outcome, _Outcome):
-            got = shorten(repr(outcome))
+            got = quote(outcome)
             raise InputError("executor", "futures with the result of the submitted call", got)
         # Submitit raises in a job whose time is over.
         if outcome.error is not None and _is_loss(outcome.error):

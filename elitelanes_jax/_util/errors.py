@@ -159,11 +159,16 @@ def shorten(text: str, limit: int = 80) -> str:
     return text[: limit - 3] + "..."
 
 
+def quote(value: UserValue, limit: int = 80) -> str:
+    """Returns a user's value as a message shows it: its `repr`, shortened."""
+    return shorten(repr(value), limit)
+
+
 def show_words(value: UserValue, limit: int = 80) -> str:
     """Returns the words of an option as the user wrote them; for another value, its `repr`."""
     if isinstance(value, list) and all(isinstance(word, str) for word in value):
         return shorten(" ".join(value), limit)
-    return shorten(repr(value), limit)
+    return quote(value, limit)
 
 
 def yaml_fault(error: Exception) -> str:
@@ -183,7 +188,7 @@ def yaml_fault(error: Exception) -> str:
 
 
 def brief(value: UserValue, limit: int = 80) -> str:
-    """Returns a value of a file as a message shows it: the text of `repr`, shortened."""
+    """Returns a large value as a message shows it: its first entries as `repr` has them, shortened."""
     # YAML's aliases may unfold to a text longer than the memory. `reprlib` reads only the first
     # entries of each list and table.
     return shorten(reprlib.repr(value), limit)

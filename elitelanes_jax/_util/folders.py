@@ -21,7 +21,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.files import copy_mode, read_json, unwritable_error, write_json
 from elitelanes_jax._util.locks import FolderLock
 from elitelanes_jax._util.types import Plain
@@ -240,7 +240,7 @@ def compare_settings(
     if difference.name == "command":
         got = f"that of {difference.other or 'another command'}"
         raise InputError(folder, f"unfinished work of {difference.value}", got, hint)
-    value, got = shorten(repr(difference.value)), shorten(repr(difference.other))
+    value, got = quote(difference.value), quote(difference.other)
     raise InputError(folder, f"results with {difference.name} {value}", f"results with {got}", hint)
 
 

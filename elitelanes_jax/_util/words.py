@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from elitelanes_jax._util.checks import check_unique
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import UserValue
 
@@ -35,7 +35,7 @@ def parse_words(
         return defaults.replace(**{str(name): setting for name, setting in value.items()})
     words = [value] if isinstance(value, str) else value
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(field, f"words such as {example}", shorten(repr(value)))
+        raise InputError(field, f"words such as {example}", quote(value))
     # A name that is given twice has no clear value.
     check_unique(field, kind, [word.partition("=")[0] for word in words])
     # A preset after other words would override them without notice.
@@ -60,5 +60,5 @@ def parse_words(
         else:
             settings = [f"{known}=..." for known in numbers]
             expected = ", ".join([*presets, *flags, *settings])
-            raise InputError(field, f"some of {expected}", shorten(repr(word)))
+            raise InputError(field, f"some of {expected}", quote(word))
     return record

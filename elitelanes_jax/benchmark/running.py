@@ -14,7 +14,7 @@ from elitelanes_jax._util.checks import (
     is_whole,
     whole,
 )
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import ArrayOrRows, UserValue
 from elitelanes_jax.benchmark.checks import SpentError, check_batch
 from elitelanes_jax.benchmark.measuring import Measured, measure_grids
@@ -63,9 +63,7 @@ def run_task(
     task = task if isinstance(task, Task) else find_task(task)
     numbers = _check_seeds(seeds)
     if not callable(search):
-        raise InputError(
-            "search", "a generator function, which yields grids", shorten(repr(search))
-        )
+        raise InputError("search", "a generator function, which yields grids", quote(search))
     # Otherwise a function of other arguments would raise a `TypeError` that does not name `search`.
     names = ("task", "generator") if operators is None else ("task", "generator", "operators")
     check_named("search", function_of(*names), search)
@@ -94,7 +92,7 @@ def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
         else list(range(check_named("seeds", whole(1), seeds)))
     )
     if not numbers or any(not is_whole(seed) or seed < 0 for seed in numbers):
-        raise InputError("seeds", "a number or several, 0 or more", shorten(repr(seeds)))
+        raise InputError("seeds", "a number or several, 0 or more", quote(seeds))
     # Equal seeds give equal runs, which would narrow the intervals of the scores.
     check_unique("seeds", "seed", map(str, numbers))
     return numbers
@@ -106,9 +104,7 @@ def _run_seed(
     """Returns the archive after each budget: the best grid of each niche."""
     # A function that returns its grids instead of yielding them would receive no measurements.
     if not isinstance(search, Generator):
-        raise InputError(
-            "search", "a generator function, which yields grids", shorten(repr(search))
-        )
+        raise InputError("search", "a generator function, which yields grids", quote(search))
     budgets = task.budgets
     archive = _Archive(task)
     at_budgets: list[Int8[np.ndarray, "N H W"]] = []

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, unmasked
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax.benchmark.tasks import Task
 from elitelanes_jax.problem.archive import VACANT, coverage
 
@@ -102,7 +102,7 @@ def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     """
     values = np.atleast_1d(np.asarray(check_named("values", unmasked, values)))
     if values.dtype.kind not in "biuf" or np.isinf(values).any():
-        raise InputError("values", "finite scores or NaN", shorten(repr(values)))
+        raise InputError("values", "finite scores or NaN", quote(values))
     values = values.astype(float)
     if values.ndim != 1 or not values.size:
         raise InputError(

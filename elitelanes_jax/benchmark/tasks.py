@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.copies import keeps_copies
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 
 VERSION = 1
 """The version of the tasks of `SIZES`. Scores of different versions are not comparable."""
@@ -124,7 +124,7 @@ def find_task(name: str) -> Task:
     if size not in (*SIZES, *PAIRS) or budget not in map(str, known):
         sizes = f"{', '.join(SIZES)} and {', '.join(map(str, BUDGETS))}"
         pairs = f"{', '.join(PAIRS)} and {', '.join(map(str, PAIRS_BUDGETS))}"
-        raise InputError("task", f"SIZE-BUDGET of {sizes}, or of {pairs}", shorten(repr(name), 40))
+        raise InputError("task", f"SIZE-BUDGET of {sizes}, or of {pairs}", quote(name, 40))
     certificate = _certificates()[size]
     niches = certificate["niches"]
     tiles = certificate.get("tiles")

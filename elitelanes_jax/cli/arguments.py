@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NoReturn, TypeAlias, TypeVar, cast
 
 from elitelanes_jax._util.checks import TILE_PX, folder, path, whole
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, quote, suggest
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
@@ -87,7 +87,7 @@ def file_ending(*suffixes: str) -> Callable[[str], UserValue]:
     def check(text: UserValue) -> Path:
         file: Path = path(text)
         if file.suffix.lower() not in suffixes:
-            raise InputError("", f"a name that ends in {known}", shorten(repr(str(text)), 40))
+            raise InputError("", f"a name that ends in {known}", quote(str(text), 40))
         return file
 
     return checked_by(check)
@@ -258,9 +258,9 @@ def _with_flags(error: InputError, flags: Mapping[str, str]) -> InputError:
     """
 
     def name_setting(match: re.Match[str]) -> str:
-        name, quote, value = match.groups()
+        name, mark, value = match.groups()
         # Without quotes, another name may be that of a feature, such as trees=1.
-        if not quote and name not in flags:
+        if not mark and name not in flags:
             return match[0]
         return f"{flags.get(name, name)} {value}"
 

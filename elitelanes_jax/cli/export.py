@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int8
 
 from elitelanes_jax._util.checks import ends_as_file, nonblank, path
-from elitelanes_jax._util.errors import InputError, pluralize, shorten
+from elitelanes_jax._util.errors import InputError, pluralize, quote
 from elitelanes_jax._util.files import file_key, never_replacing, write_atomic
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.progress import announce_at_end
@@ -81,9 +81,7 @@ def add_export(commands: Commands) -> None:
 def _export(options: argparse.Namespace) -> int:
     # The message of argparse's `choices` has another form, and does not shorten the text.
     if options.to not in (*FORMATS, _TABLE):
-        raise InputError(
-            "--to", f"one of {', '.join((*FORMATS, _TABLE))}", shorten(repr(options.to))
-        )
+        raise InputError("--to", f"one of {', '.join((*FORMATS, _TABLE))}", quote(options.to))
     # Options are checked before the maps are read, which may be many.
     settings = read_options(options, FormatOptions())
     options.maps = _files_of_maps(options.maps)

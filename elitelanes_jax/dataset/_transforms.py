@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from elitelanes_jax._util.checks import flag, real, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax._util.words import parse_words
@@ -27,7 +27,7 @@ def _parse_scale(scale: UserValue) -> tuple[float, float]:
     factors = [real(0.25, 4)(factor) for factor in range_ends(scale)]
     if len(factors) not in (1, 2) or factors[0] > factors[-1]:
         raise InputError(
-            "", "a factor, or the smallest and the largest such as 0.5..1.5", shorten(repr(scale))
+            "", "a factor, or the smallest and the largest such as 0.5..1.5", quote(scale)
         )
     return factors[0], factors[-1]
 

@@ -7,7 +7,7 @@ import json
 from importlib.metadata import version
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax.dataset._layouts import find_layout
@@ -138,7 +138,7 @@ def _check_columns(road_map: RoadMap, name: str) -> None:
             raise InputError(
                 "maps_from",
                 f"whole numbers to {_LARGEST_IN_PARQUET}, for parquet",
-                f"{shorten(repr(number))}, {name}",
+                f"{quote(number)}, {name}",
             )
 
 

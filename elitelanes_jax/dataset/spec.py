@@ -21,7 +21,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.engine import part_of
-from elitelanes_jax._util.errors import InputError, shorten, show_words
+from elitelanes_jax._util.errors import InputError, quote, show_words
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._transforms import (
@@ -80,9 +80,7 @@ def _parse_range(text: UserValue) -> tuple[int, int]:
     """Reads a side, or the smallest and the largest one: ``8``, ``8..14`` or a pair."""
     sides = [whole(2, LONGEST_SIDE)(end) for end in range_ends(text)]
     if len(sides) not in (1, 2) or sides[0] > sides[-1]:
-        raise InputError(
-            "", "the smallest and the largest side, such as 8..14", shorten(repr(text))
-        )
+        raise InputError("", "the smallest and the largest side, such as 8..14", quote(text))
     return sides[0], sides[-1]
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance, is_whole, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch_programs import (
@@ -202,7 +202,7 @@ class Batch:
         by_robot = chosen.reshape(self._count, self.robots)
         if (by_robot != by_robot[:, :1]).any():
             expected = f"the same for all {self.robots} robots of an environment"
-            raise InputError("reset_mask", expected, shorten(repr(chosen)))
+            raise InputError("reset_mask", expected, quote(chosen))
         return by_robot[:, 0]
 
     def _check_levels(self, levels: Untyped) -> NDArray[np.int32] | None:
@@ -211,11 +211,11 @@ class Batch:
             return None
         if len(levels) != self.envs:
             expected = f"the index of a level, or {self.envs} of them"
-            raise InputError("level", expected, shorten(repr(levels)))
+            raise InputError("level", expected, quote(levels))
         last = len(self.params.levels.grid) - 1
         for level in levels:
             if level is not None and not (is_whole(level) and 0 <= level <= last):
-                raise InputError("level", f"a whole number, 0 to {last}", shorten(repr(level), 40))
+                raise InputError("level", f"a whole number, 0 to {last}", quote(level, 40))
         # A level that is no number is None.
         indices = [level if is_whole(level) else -1 for level in levels[:: self.robots]]
         return np.resize(np.array(indices, np.int32), self._rows)
@@ -225,7 +225,7 @@ class Batch:
         is_list = hasattr(seeds, "__len__") and getattr(seeds, "ndim", 1) == 1
         if not is_list or len(seeds) != self.envs:
             expected = f"a whole number, or {self.envs} of them"
-            raise InputError("seed", expected, shorten(repr(seeds)))
+            raise InputError("seed", expected, quote(seeds))
         indices = []
         numbers = []
         for index, seed in enumerate(seeds[:: self.robots]):
@@ -345,7 +345,7 @@ def check_actions(
         array = np.asarray(actions)
     except ValueError:
         # The actions are lists of several lengths.
-        raise InputError(subject, "numbers", shorten(repr(actions))) from None
+        raise InputError(subject, "numbers", quote(actions)) from None
     if array.shape != shape or array.dtype.kind not in ("iu" if whole else "iuf"):
         numbers = "numbers" if not whole else "whole numbers" if shape else "a whole number"
         expected = f"{numbers} {list(shape)}" if shape else numbers

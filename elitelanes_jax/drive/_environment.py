@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Key
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Tree, Untyped, UserValue
 from elitelanes_jax.network.bits import randint, random_bits
@@ -197,7 +197,7 @@ def auto_replay(environment: Environment) -> Environment:
 
     def reset(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, ReplayState]:
         if not hasattr(params, "levels"):
-            got = shorten(repr(params))
+            got = quote(params)
             raise InputError("params", "options with levels", got)
         return reset_to_level(key, draw_level(key, params.levels), params)
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.drive._environment import Environment, Transition, check_environment
 from elitelanes_jax.drive._library_types import Params
@@ -23,7 +23,7 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
     """
     leaves = jax.tree.leaves(observation)
     if not leaves or not all(map(_has_numbers, leaves)):
-        raise InputError("observation", "arrays of numbers", shorten(repr(observation)))
+        raise InputError("observation", "arrays of numbers", quote(observation))
     arrays = [jnp.asarray(leaf) for leaf in leaves]
     if len(arrays) == 1 and arrays[0].dtype == jnp.uint8:
         return arrays[0]

@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, clip_to_int32, whole
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import ArrayOrRows, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
@@ -84,7 +84,7 @@ def _check_distance(name: str, tiles: UserValue) -> Int[ArrayLike, ""]:
     """Returns a distance in tiles, a whole number or an integer array, that fits 32 bits."""
     distance = clip_to_int32(tiles)
     if not jnp.issubdtype(jnp.result_type(distance), jnp.integer):
-        raise InputError(name, "a whole number", shorten(repr(tiles)))
+        raise InputError(name, "a whole number", quote(tiles))
     return distance
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import Batch
@@ -223,7 +223,7 @@ def _check_shared(environment: UserValue) -> None:
 def _check_actions(actions: UserValue, agents: list[str]) -> None:
     if not isinstance(actions, Mapping) or set(actions) != set(agents):
         expected = f"an action of each agent, {agents[0]} to {agents[-1]}"
-        raise InputError("actions", expected, shorten(repr(actions)))
+        raise InputError("actions", expected, quote(actions))
 
 
 def _read_level(options: UserValue) -> UserValue:
@@ -231,7 +231,7 @@ def _read_level(options: UserValue) -> UserValue:
     if isinstance(options, Mapping):
         for name in options:
             if name != "level":
-                message = f"pettingzoo_env: expected the option level, got {shorten(repr(name))}"
+                message = f"pettingzoo_env: expected the option level, got {quote(name)}"
                 warnings.warn(message, stacklevel=3)
         options = {name: options[name] for name in options if name == "level"}
     return read_options(options, "level").get("level")

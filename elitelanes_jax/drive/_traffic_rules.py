@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, one_of, whole
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.lanes.movements import EXIT, TURNS
 
@@ -101,7 +101,7 @@ def check_rule(rule: UserValue) -> TrafficRule:
         return traffic_rule(rule)
     if not isinstance(rule, TrafficRule):
         expected = f"a TrafficRule, or one of {', '.join(RULES)}"
-        raise InputError("", expected, shorten(repr(rule)))
+        raise InputError("", expected, quote(rule))
     _check_flags("yields", rule.yields, _shape(rule.yields) == (_WAYS, _WAYS), "12, 12")
     if not isinstance(rule.yields, jax.core.Tracer) and np.diagonal(rule.yields).any():
         raise InputError("yields", "False for a way and itself", "True on the diagonal")
@@ -114,7 +114,7 @@ def check_rule(rule: UserValue) -> TrafficRule:
     is_known = is_integer and not isinstance(steps, jax.core.Tracer)
     if not is_integer or (is_known and not 1 <= np.asarray(steps) <= _MOST_STEPS):
         expected = f"a whole number, 1 to {_MOST_STEPS}"
-        raise InputError("phase_steps", expected, shorten(repr(steps)))
+        raise InputError("phase_steps", expected, quote(steps))
     return TrafficRule(*map(frozen_copy, rule))
 
 
@@ -128,7 +128,7 @@ def _shape(value: Untyped) -> tuple[int, ...] | None:
 
 def _check_flags(name: str, array: UserValue, has_shape: bool, shape: str) -> None:
     if not has_shape or not jnp.issubdtype(jnp.result_type(array), jnp.bool_):
-        raise InputError(name, f"bool [{shape}]", shorten(repr(array)))
+        raise InputError(name, f"bool [{shape}]", quote(array))
 
 
 def way_number(heading: Array, turn: Array) -> Array:

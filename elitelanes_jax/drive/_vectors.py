@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, items_of, one_of
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import Batch, Outcome
 from elitelanes_jax.drive._batch_programs import DISABLED, NEXT_STEP, SAME_STEP
@@ -153,7 +153,7 @@ def gymnasium_vector_env(
 def _list_seeds(first: UserValue, envs: int) -> range:
     """Returns the seeds of environments: the first one, and the whole numbers after it."""
     if not is_whole(first):
-        raise InputError("seed", "a whole number", shorten(repr(first)))
+        raise InputError("seed", "a whole number", quote(first))
     # The end may be too large for a small number of NumPy.
     start = int(first)
     return range(start, start + envs)

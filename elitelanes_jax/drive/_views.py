@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int32, Key, UInt8
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._scenes import Scenes
 from elitelanes_jax.drive._view_plans import plan_views
@@ -143,7 +143,7 @@ def _check_arguments(
     for name, colour in (("ground", camera.ground), ("sky", camera.sky)):
         # An array of three numbers would be taken for a value for each of three pictures.
         if not isinstance(colour, tuple | list):
-            raise InputError(name, "a tuple of red, green and blue", shorten(repr(colour)))
+            raise InputError(name, "a tuple of red, green and blue", quote(colour))
     for record in (camera, variation):
         for path, number in jax.tree_util.tree_leaves_with_path(record):
             if np.shape(number) not in ((), (batch,)):

@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import Batch
@@ -22,10 +22,10 @@ def check_module(params: Params, module: Untyped, name: str, argument: str, need
     for attribute_name in needed.split("."):
         attribute = getattr(attribute, attribute_name, None)
     if attribute is None:
-        raise InputError(argument, f"the module {name}", shorten(repr(module)))
+        raise InputError(argument, f"the module {name}", quote(module))
     if not isinstance(params, Record):
         expected = "RoadNavParams, LaneDriveParams or RoadTrafficParams"
-        raise InputError("params", expected, shorten(repr(params)))
+        raise InputError("params", expected, quote(params))
 
 
 def check_render(render: UserValue) -> Callable[[Batch], list[NDArray[np.uint8]]] | None:
@@ -40,7 +40,7 @@ def check_render(render: UserValue) -> Callable[[Batch], list[NDArray[np.uint8]]
         raise InputError(
             "render",
             "a function that takes a state and returns a picture, or None",
-            shorten(repr(render)),
+            quote(render),
         )
 
     def draw(state: Pytree) -> NDArray[np.uint8]:
@@ -58,7 +58,7 @@ def read_options(options: UserValue, *known: str) -> Mapping[str, UserValue]:
     if options is None:
         return {}
     if not isinstance(options, Mapping):
-        raise InputError("options", "a dictionary", shorten(repr(options)))
+        raise InputError("options", "a dictionary", quote(options))
     check_names(map(str, options), known)
     return options
 
@@ -93,7 +93,7 @@ class HasParams:
             raise InputError(
                 name,
                 "the value that the environment has",
-                shorten(repr(value)),
+                quote(value),
                 "make another environment",
             )
         # An attribute of this name would change nothing.
@@ -115,5 +115,5 @@ class HasParams:
     def check_settable(self, name: UserValue) -> None:
         """Checks a name that `set_attr` got."""
         if name != "params":
-            got = shorten(repr(name))
+            got = quote(name)
             raise InputError("set_attr", "params, the only attribute to set", got)

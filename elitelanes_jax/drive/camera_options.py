@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import atan, degrees, radians, tan
 
 from elitelanes_jax._util.checks import none_or, real, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record, number_or_array, static, traced
 from elitelanes_jax._util.types import Numbers, Numeric, UserValue
 from elitelanes_jax._util.words import parse_words
@@ -25,16 +25,14 @@ _check_distortion = real(-10, 10)
 
 def _colour(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 3:
-        raise InputError(
-            "", "three numbers, 0 to 255, for red, green and blue", shorten(repr(value))
-        )
+        raise InputError("", "three numbers, 0 to 255, for red, green and blue", quote(value))
     return tuple(map(number_or_array(_check_colour), value))
 
 
 def _pair(value: UserValue) -> tuple[Numeric, ...]:
     pair = value.split(",") if isinstance(value, str) else value
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        raise InputError("", "two numbers, k1 and k2", shorten(repr(value)))
+        raise InputError("", "two numbers, k1 and k2", quote(value))
     return tuple(map(number_or_array(_check_distortion), pair))
 
 
@@ -182,7 +180,7 @@ def parse_camera(value: UserValue) -> LaneCamera:
     camera = parse_words("camera", LaneCamera(), value, "setting", "'rows=120'", names=_WORDS)
     for name, setting in camera.values().items():
         if hasattr(setting, "dtype"):
-            raise InputError(name, "a number", shorten(repr(setting)))
+            raise InputError(name, "a number", quote(setting))
     return camera
 
 

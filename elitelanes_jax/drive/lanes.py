@@ -29,7 +29,7 @@ from elitelanes_jax._util.checks import (
     is_whole,
     real,
 )
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import one_number
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Numeric, UserValue
@@ -102,11 +102,11 @@ def single(kind: type[R]) -> Check[R]:
         fields = instance(kind)(value)
         if any(map(np.ndim, fields)):
             hint = "jax.vmap takes several"
-            raise InputError("", f"one {kind.__name__}", shorten(repr(value)), hint)
+            raise InputError("", f"one {kind.__name__}", quote(value), hint)
         for field in fields:
             is_array = hasattr(field, "dtype") and field.dtype.kind in kinds_of_arrays
             if not is_array and not is_number(field):
-                raise InputError("", f"{kind.__name__} of {words}", shorten(repr(value)))
+                raise InputError("", f"{kind.__name__} of {words}", quote(value))
         return kind(*map(_to_float if is_pose else clip_to_int32, fields))
 
     return check

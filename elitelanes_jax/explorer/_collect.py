@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeGuard
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import TILE_PX, check_named, is_folder, paths
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._payload import Payload, make_payload
@@ -93,7 +93,7 @@ def _collect_named(sources: Mapping[str, UserValue]) -> list[ShownRun]:
     runs: list[ShownRun] = []
     for name, source in sources.items():
         if not isinstance(name, str):
-            raise InputError("what", "texts as names", shorten(repr(name)))
+            raise InputError("what", "texts as names", quote(name))
         if _is_result(source):
             runs.append(from_result(source, name))
             continue

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Lock
 
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.explorer.page import static_text
@@ -151,7 +151,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_json(422, {"error": message})
         except (LookupError, TypeError, ValueError, RecursionError) as error:
             # Only a program that is not the page sends values of another form.
-            message = f"expected a request of this page, got {shorten(repr(error))}"
+            message = f"expected a request of this page, got {quote(error)}"
             self._send_json(400, {"error": message})
 
     def log_message(self, *_: Untyped) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, is_real, real
-from elitelanes_jax._util.errors import InputError, brief, list_some, shorten
+from elitelanes_jax._util.errors import InputError, brief, list_some, quote
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
@@ -73,7 +73,7 @@ _TILE_OF_CODE = {_CODE[tile]: tile for tile in _WRITTEN_TILES}
 def check_tile_size(tile_size: UserValue, least: float = 0.01, most: float = 100) -> None:
     """Raises an `InputError` unless the side of a tile is a number of metres in a range."""
     if not is_real(tile_size) or not least <= tile_size <= most:
-        got = shorten(repr(tile_size))
+        got = quote(tile_size)
         raise InputError("tile_size", f"metres, a number from {least:g} to {most:g}", got)
 
 

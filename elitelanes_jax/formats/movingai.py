@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, text_name, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax.lanes.curves import on_road
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import no_road_error
@@ -55,9 +55,7 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
     """
     # Readers split the lines of tasks at spaces of any kind, and know no quotes.
     if check_named("name", text_name, name).split() != [name]:
-        raise InputError(
-            "name", "a name without spaces, as in MovingAI's tasks", shorten(repr(name))
-        )
+        raise InputError("name", "a name without spaces, as in MovingAI's tasks", quote(name))
     road = _road_cells(codes, cells)
     if not road.any():
         raise no_road_error()

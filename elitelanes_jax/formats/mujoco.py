@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.checks import check_named, xml_name
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
@@ -146,7 +146,7 @@ def _file_name(value: UserValue) -> str:
     """
     name = xml_name(value)
     if "\\" in name:
-        raise InputError("", "a name without \\, as in MuJoCo's models", shorten(repr(name)))
+        raise InputError("", "a name without \\, as in MuJoCo's models", quote(name))
     return name
 
 

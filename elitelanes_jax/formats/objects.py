@@ -9,7 +9,7 @@ from math import hypot
 from typing import NamedTuple
 
 from elitelanes_jax._util.checks import check_named, is_flag, is_real, is_whole
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, quote, suggest
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.tags import LARGEST_TAG
 
@@ -178,7 +178,7 @@ def check_kind(kind: UserValue) -> str:
         hint = suggest(kind, list(OBJECT_KINDS))
         if not hint and _OTHER_KIND.fullmatch(OTHER + kind):
             hint = f"is it {OTHER}{kind}?"
-    raise InputError("kind", f"one of {', '.join(OBJECT_KINDS)}", shorten(repr(kind), 40), hint)
+    raise InputError("kind", f"one of {', '.join(OBJECT_KINDS)}", quote(kind, 40), hint)
 
 
 def nearest_view(angles: Iterable[int], angle: float) -> int:
@@ -199,7 +199,7 @@ def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject
         message names the object's index and field.
     """
     if not isinstance(values, list | tuple) or isinstance(values, MapObject):
-        raise InputError("objects", "a list of objects", shorten(repr(values)))
+        raise InputError("objects", "a list of objects", quote(values))
     if len(values) > MOST_OBJECTS:
         raise InputError("objects", f"at most {MOST_OBJECTS:,}", f"{len(values):,}")
     return tuple(
@@ -228,12 +228,12 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     """
     values = value._asdict() if isinstance(value, MapObject) else value
     if not isinstance(values, Mapping) or "kind" not in values:
-        raise InputError("", '{"kind": ..., "x": ..., "y": ...}', shorten(repr(value)))
+        raise InputError("", '{"kind": ..., "x": ..., "y": ...}', quote(value))
     fields = MapObject._fields
     for name in values:
         if name not in fields:
             expected = f"the fields {', '.join(fields)}"
-            raise InputError("", expected, shorten(repr(name)), suggest(name, fields))
+            raise InputError("", expected, quote(name), suggest(name, fields))
     kind = check_kind(values["kind"])
     usual = OBJECT_KINDS[base_kind(kind)].height
     # Tags on the floor have no height, so only 0 fits.
@@ -245,11 +245,11 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     tag, static = values.get("tag"), values.get("static", True)
     if tag is not None:
         if not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
-            got = shorten(repr(tag), 40)
+            got = quote(tag, 40)
             raise InputError("tag", f"a number of the family 36h11, 0 to {LARGEST_TAG}", got)
         tag = int(tag)
     if not is_flag(static):
-        raise InputError("static", "true or false", shorten(repr(static), 40))
+        raise InputError("static", "true or false", quote(static, 40))
     return MapObject(kind, x, y, angle, object_height, tag, bool(static))
 
 
@@ -257,5 +257,5 @@ def _number(
     name: str, value: UserValue, least: float, most: float, unit: str, *, slack: float = 0.0
 ) -> float:
     if not is_real(value) or not least - slack <= value <= most + slack:
-        raise InputError(name, f"{unit} from {least:g} to {most:g}", shorten(repr(value), 40))
+        raise InputError(name, f"{unit} from {least:g} to {most:g}", quote(value, 40))
     return float(value)

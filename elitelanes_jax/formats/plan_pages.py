@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from elitelanes_jax._util.cells import cell_name, column_name
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.copies import keeps_copies
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax.formats.objects import MapObject
@@ -120,7 +120,7 @@ def plan_kind(file: Path) -> str:
     """Returns the kind of a plan's file, .pdf, .svg or .png; raises `InputError` for another."""
     kind = file.suffix.lower()
     if kind not in (".pdf", ".svg", ".png"):
-        raise InputError("file", "a name that ends in .pdf, .svg or .png", shorten(repr(str(file))))
+        raise InputError("file", "a name that ends in .pdf, .svg or .png", quote(str(file)))
     return kind
 
 

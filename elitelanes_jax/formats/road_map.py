@@ -13,7 +13,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, file_named, is_folder, is_whole, path
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
 from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax._util.types import OptionValue, Plain, Untyped, UserValue
@@ -252,7 +252,7 @@ def as_maps(sources: Untyped) -> list[RoadMap]:
     if isinstance(sources, RoadMap):
         return [sources]
     if not _may_be_maps(sources):
-        raise InputError("", "maps, grids or files of maps", shorten(repr(sources)))
+        raise InputError("", "maps, grids or files of maps", quote(sources))
     # Rows alone are one grid. They would otherwise be read as a list of maps.
     if _dimensions(sources) == 2:
         return [RoadMap(sources)]
@@ -276,7 +276,7 @@ def as_map(source: UserValue) -> RoadMap:
     if isinstance(source, str | Path):
         return read_map(source)
     if not _may_be_maps(source):
-        got = shorten(repr(source))
+        got = quote(source)
         raise InputError("map", "a map, a grid or a file of one", got)
     maps = as_maps(source)
     if len(maps) != 1:
@@ -409,7 +409,7 @@ def _map_of(values: Plain) -> RoadMap:
             got = "a list; name a file with one map"
         raise InputError("", 'a map, {"codes": [[...], ...]}', got)
     if values.get("format", _FORMAT) != _FORMAT:
-        raise InputError("format", repr(_FORMAT), shorten(repr(values["format"])))
+        raise InputError("format", repr(_FORMAT), quote(values["format"]))
     codes = _grid(values["codes"])
     shape = values.get("shape", list(codes.shape))
     if shape != list(codes.shape):

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int8
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import check_named, is_whole, xml_name
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._earth import plane_of
 from elitelanes_jax.formats._roads import cut_roads
@@ -168,9 +168,7 @@ def _file_name(value: UserValue) -> str:
     name = xml_name(value)
     for part in _REFUSED:
         if part in name:
-            raise InputError(
-                "", f"a name without {part}, as in SUMO's settings", shorten(repr(name))
-            )
+            raise InputError("", f"a name without {part}, as in SUMO's settings", quote(name))
     quoted = "".join(_QUOTED.get(character, character) for character in name)
     # SUMO removes spaces at the start of a name, so the first one is written as its code.
     return f"%20{quoted[1:]}" if quoted.startswith(" ") else quoted

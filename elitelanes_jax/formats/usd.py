@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from math import degrees
 
 from elitelanes_jax._util.checks import check_named, xml_name
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
@@ -117,9 +117,7 @@ def to_usd(
 def _file_name(value: UserValue) -> str:
     name = xml_name(value)
     if _MEANING.search(name):
-        raise InputError(
-            "", "a name without @ < > [ ] \\ and line breaks, as in USD", shorten(repr(name))
-        )
+        raise InputError("", "a name without @ < > [ ] \\ and line breaks, as in USD", quote(name))
     return name
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import is_real
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import ArrayT, UserValue
 from elitelanes_jax.lanes.movements import BACK, Movement
 from elitelanes_jax.network.codes import SIDES
@@ -52,7 +52,7 @@ def is_lane_offset(value: UserValue) -> TypeGuard[float]:
 def check_lane_offset(value: UserValue) -> float:
     """Checks a distance from the road's middle to the centre of a lane, in tiles."""
     if not is_lane_offset(value):
-        raise InputError("", "tiles, a number over 0 and under 0.5", shorten(repr(value)))
+        raise InputError("", "tiles, a number over 0 and under 0.5", quote(value))
     return float(value)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, none_or, path, path_exists, paths, real
-from elitelanes_jax._util.errors import InputError, list_some, shorten
+from elitelanes_jax._util.errors import InputError, list_some, quote
 from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.types import OptionValue, Plain
@@ -122,7 +122,7 @@ def order_parts(
         difference = first_difference(expected, identity)
         if difference is not None:
             name = difference.name
-            value, got = shorten(repr(difference.value)), shorten(repr(difference.other))
+            value, got = quote(difference.value), quote(difference.other)
             raise InputError(folder, f"a part of a {whole} with {name} {value}", got)
         # Two parts may have the same index, if a folder is a copy of another one.
         if index in by_index:

@@ -22,7 +22,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.engine import part_of
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record, nested, option
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.maps.exporting import FORMATS, FormatOptions
@@ -64,7 +64,7 @@ def check_size(size: UserValue) -> tuple[int, int]:
     The size is numbers, texts of numbers, or a text such as ``6 8``.
     """
     if isinstance(size, NO_SHAPES):
-        raise InputError("", "rows and columns", shorten(repr(size)))
+        raise InputError("", "rows and columns", quote(size))
     # A text may have an x or spaces between the numbers.
     sides = size.lower().replace("x", " ").split() if isinstance(size, str) else size
     try:
@@ -74,7 +74,7 @@ def check_size(size: UserValue) -> tuple[int, int]:
         # The message must not name an argument of another function.
         raise error.replace(subject="") from None
     except TypeError:
-        raise InputError("", "rows and columns", shorten(repr(size))) from None
+        raise InputError("", "rows and columns", quote(size)) from None
 
 
 def parse_part(part: UserValue) -> tuple[int, int]:
@@ -85,7 +85,7 @@ def parse_part(part: UserValue) -> tuple[int, int]:
         return whole(1, whole(1)(count))(index), whole(1)(count)
     except (TypeError, ValueError):
         # An `InputError` is a `ValueError`, and its message would not name the form of a part.
-        raise InputError("", "a part such as 3/10, from 1/10 on", shorten(repr(part), 40)) from None
+        raise InputError("", "a part such as 3/10, from 1/10 on", quote(part, 40)) from None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_whole, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -38,7 +38,7 @@ def check_key(key: UserValue) -> None:
         # A key of the old style is a vector.
         if (is_new and key.ndim == 0) or (key.dtype == jnp.uint32 and key.ndim == 1):
             return
-    raise InputError("key", "a jax.random.key", shorten(repr(key)))
+    raise InputError("key", "a jax.random.key", quote(key))
 
 
 THREEFRY = "threefry2x32"
@@ -219,7 +219,7 @@ def _check_counts(count: UserValue) -> None:
     if counts.dtype.kind not in "iu" or (
         are_known and not 0 <= counts.min() <= counts.max() < 2**31
     ):
-        got = shorten(repr(count))
+        got = quote(count)
         raise InputError("count", f"whole numbers, 0 to {2**31 - 1}", got)
 
 

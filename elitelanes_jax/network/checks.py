@@ -10,7 +10,7 @@ from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 
 LONGEST_SIDE = 1024
@@ -42,7 +42,7 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
     except (TypeError, ValueError, OverflowError, np.ma.MaskError):
         are_whole = False
     if not are_whole or isinstance(shape, NO_SHAPES):
-        got = shorten(repr(shape))
+        got = quote(shape)
         raise InputError("shape", "(height, width), two whole numbers", got)
     height, width = int(height), int(width)
     least, purpose = (2, " for new maps") if new else (1, "")
@@ -94,7 +94,7 @@ def check_grid(grid: UserValue, subject: str = "grid") -> AnyArray:
             f"{subject}.filled(0) empties such cells",
         )
     if not array.ndim:
-        raise InputError(subject, "rows of tile codes", shorten(repr(grid)))
+        raise InputError(subject, "rows of tile codes", quote(grid))
     if array.ndim != 2:
         hint = "give one grid, or batch a kernel with jax.vmap" if array.ndim == 3 else ""
         raise InputError(subject, "two dimensions (rows, columns)", f"shape {array.shape}", hint)

@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import is_flag
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Numeric
 from elitelanes_jax.network.checks import check_grid
@@ -76,7 +76,7 @@ def _check_raster(raster: Numeric) -> None:
     """Checks True, False or an array with one of them, which may be traced."""
     is_bool = raster.dtype == bool if hasattr(raster, "dtype") else is_flag(raster)
     if not is_bool:
-        raise InputError("raster", "True or False", shorten(repr(raster)))
+        raise InputError("raster", "True or False", quote(raster))
     if np.ndim(raster):
         raise InputError("raster", "one bool", f"shape {list(np.shape(raster))}")
 

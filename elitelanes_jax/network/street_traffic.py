@@ -16,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float32, Int8, Int32, Real, Shaped
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, real
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Pytree
 from elitelanes_jax.network.checks import check_grid, is_traced
@@ -103,7 +103,7 @@ def _check_robots(robots: ArrayLike) -> None:
     """Checks a number of robots, which may be infinite or traced."""
     is_number = is_real(robots) or hasattr(robots, "dtype")
     if not is_number or (not is_traced(robots) and np.isnan(robots).any()):
-        raise InputError("robots", "a number", shorten(repr(robots)))
+        raise InputError("robots", "a number", quote(robots))
 
 
 def _check_town(codes: ArrayOrRows) -> AnyArray:

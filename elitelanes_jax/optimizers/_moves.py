@@ -27,7 +27,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, quote, suggest
 from elitelanes_jax._util.records import Record, number_or_array, one_number, option, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import ArrayOrRows, UserValue
@@ -52,13 +52,13 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[Int[ArrayLike, "..."]
     if isinstance(moves, tuple) and not moves:
         moves = {}
     if not isinstance(moves, Mapping):
-        raise InputError("", "moves by name", shorten(repr(moves)))
+        raise InputError("", "moves by name", quote(moves))
     checked = {}
     for name, value in sorted(moves.items(), key=lambda item: str(item[0])):
         is_name = isinstance(name, str) and name.isidentifier()
         if not is_name or name in KNOWN_MOVES:
             expected = "names of letters, digits and _ that no other move has"
-            raise InputError("", expected, shorten(repr(name)))
+            raise InputError("", expected, quote(name))
         checked[name] = _check_user_move(name, value)
     return checked
 
@@ -67,7 +67,7 @@ def _check_user_move(name: str, value: UserValue) -> tuple[Int[ArrayLike, "..."]
     """Checks the weight and the move of one name."""
     weight, move = value if isinstance(value, tuple | list) and len(value) == 2 else (None, None)
     if not isinstance(move, Move):
-        raise InputError(name, "a weight and a Move", shorten(repr(value)))
+        raise InputError(name, "a weight and a Move", quote(value))
     check_named(f"{name}: apply", function_of("bits", "grid", "mate"), move.apply)
     return check_named(name, number_or_array(whole(0), whole=True), weight), move
 
@@ -146,7 +146,7 @@ class MoveWeights(Record):
           InputError: for anything else.
         """
         if not isinstance(moves, Mapping):
-            raise InputError("moves", "weights and moves by name", shorten(repr(moves)))
+            raise InputError("moves", "weights and moves by name", quote(moves))
         weights = {}
         user_moves = {}
         for name, value in moves.items():

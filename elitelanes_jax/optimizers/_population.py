@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int8, Integer, Key, Real, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, one_of, real, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record, static, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import randint, random_bits
@@ -150,7 +150,7 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     is_pair = isinstance(evaluation, tuple | list) and len(evaluation) == 2
     if not is_pair or not all(hasattr(part, "dtype") for part in evaluation):
         pair = "a tuple of two arrays, fitness and features"
-        raise InputError("evaluate", pair, shorten(repr(evaluation)))
+        raise InputError("evaluate", pair, quote(evaluation))
     fitness, features = evaluation
     expected = (len(grids),), (len(grids), len(problem.feature_names))
     got = fitness.shape, features.shape

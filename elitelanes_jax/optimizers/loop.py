@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Tree, UserValue
 from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
@@ -74,7 +74,7 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
         raise InputError("optimizer", "an Optimizer", type(optimizer).__name__)
     # A key of the old style is a vector of two numbers, so its batch has one more axis.
     if np.ndim(keys) != 1 + (getattr(keys, "dtype", None) == np.uint32):
-        raise InputError("keys", "keys [S], such as those of seed_keys", shorten(repr(keys)))
+        raise InputError("keys", "keys [S], such as those of seed_keys", quote(keys))
     if not np.shape(keys)[0]:
         raise InputError("keys", "at least one", "none")
     check_named("generations", whole(0), generations)

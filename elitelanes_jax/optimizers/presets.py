@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import TypeAlias, TypeVar
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import OptionValue, Plain, UserValue
 from elitelanes_jax.optimizers._annealed import (
@@ -184,7 +184,7 @@ def config_from_plain(plain: Plain) -> Config | None:
     """
     kinds = {kind.__name__: kind for kind in _FACTORIES}
     if not isinstance(plain, Mapping) or plain.get("kind") not in kinds:
-        raise InputError("config", f"a kind, one of {', '.join(kinds)}", shorten(repr(plain)))
+        raise InputError("config", f"a kind, one of {', '.join(kinds)}", quote(plain))
     fields = {name: value for name, value in plain.items() if name != "kind"}
     # Plain values do not have the functions of these moves.
     if _has_user_moves(fields):
@@ -206,7 +206,7 @@ def _from_plain(default: R, plain: Plain) -> R:
     """
     names = default.options()
     if not isinstance(plain, Mapping) or set(plain) != set(names):
-        raise InputError("config", ", ".join(names), shorten(repr(plain)))
+        raise InputError("config", ", ".join(names), quote(plain))
     values = dict(plain)
     for name in names:
         part = getattr(default, name)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int8, Int32, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
-from elitelanes_jax._util.errors import InputError, pluralize, shorten
+from elitelanes_jax._util.errors import InputError, pluralize, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Numeric
 from elitelanes_jax.network.checks import is_traced
@@ -214,5 +214,5 @@ def _check_niches(name: str, niches: ArrayOrRows) -> AnyArray:
     array = niches if is_traced(niches) else np.asarray(niches)
     # An empty list has the dtype of floats.
     if array.dtype != bool and array.size:
-        raise InputError(name, "an array of bool", shorten(repr(niches)))
+        raise InputError(name, "an array of bool", quote(niches))
     return array.astype(bool)

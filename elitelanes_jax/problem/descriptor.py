@@ -20,7 +20,7 @@ from elitelanes_jax._util.checks import (
     listed,
     split_settings,
 )
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import transfers
 from elitelanes_jax._util.types import ArrayT, Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -130,7 +130,7 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
             axes = [_axis_of(name, bins) for name, bins in axes.items()]
         checked = tuple(_check_axis(axis, features) for axis in items_of(axes))
     except TypeError:
-        got = shorten(repr(axes))
+        got = quote(axes)
         raise InputError("axes", "axes such as 'straight_share:10'", got) from None
     if not checked:
         raise InputError("axes", "at least one axis", "none")
@@ -230,7 +230,7 @@ def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
     elif isinstance(value, Mapping) and "metric" in value and set(value) <= set(Axis._fields):
         axis = Axis(**value)
     if not isinstance(axis, Axis):
-        raise InputError("axes", "axes such as 'straight_share:10'", shorten(repr(value)))
+        raise InputError("axes", "axes such as 'straight_share:10'", quote(value))
     source = f"axes {value!r}" if isinstance(value, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
     # JSON takes no numbers of NumPy.
@@ -253,12 +253,12 @@ def _check_numbers(source: str, axis: Axis) -> None:
     are_whole = is_whole(bins) and is_whole(width) and is_whole(start)
     if not are_whole or bins < 1 or width < 0:
         numbers = {"bins": bins, "width": width, "start": start}
-        got = ", ".join(f"{name} {shorten(repr(number))}" for name, number in numbers.items())
+        got = ", ".join(f"{name} {quote(number)}" for name, number in numbers.items())
         expected = "whole numbers, at least one bin and no negative width"
         raise InputError(source, expected, got)
     largest = max(abs(bins), abs(width), abs(start))
     if largest > LARGEST:
         raise InputError(source, f"numbers of at most {LARGEST:,}", f"{largest:,}")
     if target is not None and not (is_whole(target) and 0 <= target < bins):
-        got = shorten(repr(target))
+        got = quote(target)
         raise InputError(source, f"target to be a bin, 0 to {bins - 1}", got)

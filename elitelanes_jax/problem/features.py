@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterable, Sequence
 import numpy as np
 
 from elitelanes_jax._util.checks import check_named, check_unique, nonblank
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, quote, suggest
 from elitelanes_jax._util.types import ArrayT, UserValue
 from elitelanes_jax.network.records import (
     METRIC_NAMES,
@@ -138,7 +138,7 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
         raise InputError(
             source,
             "a metric, or a share such as straight_share",
-            shorten(repr(name), 40),
+            quote(name, 40),
             " ".join(filter(None, (suggest(name, known), explanation))),
         )
     return name
@@ -147,7 +147,7 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
 def check_features(features: UserValue) -> tuple[str, ...]:
     """Checks the names of the user's own features, which no other feature may have."""
     if isinstance(features, str) or not isinstance(features, Iterable):
-        raise InputError("features", "names", shorten(repr(features)))
+        raise InputError("features", "names", quote(features))
     listed = [check_named("features", nonblank, name) for name in features]
     names = check_unique("features", "name", listed)
     # A map also says how many tiles an inventory has left, such as turns_left.
@@ -156,7 +156,7 @@ def check_features(features: UserValue) -> tuple[str, ...]:
     for name in names:
         if not name.isidentifier():
             expected = "names of letters, digits and _"
-            raise InputError("features", expected, shorten(repr(name), 40))
+            raise InputError("features", expected, quote(name, 40))
         if name in taken:
             expected = "names that no built-in feature and no column of a table has"
             raise InputError("features", expected, repr(name))

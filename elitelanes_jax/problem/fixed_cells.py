@@ -1,6 +1,5 @@
 """Fixed cells: cells that every map keeps, such as a city's roads and buildings."""
 
-import reprlib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,7 +70,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     try:
         rows = [list(items_of(row)) for row in items_of(cells)]
     except TypeError:
-        got = shorten(reprlib.repr(cells))
+        got = brief(cells)
         raise InputError(name, "rows of tile codes, or null for free cells", got) from None
     lengths = sorted({len(row) for row in rows})
     if len(lengths) != 1:
@@ -84,7 +83,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     for row, column in np.ndindex(*shape):
         code = rows[row][column]
         if code is not None and not (is_whole(code) and 0 <= code <= 15):
-            got = f"{shorten(reprlib.repr(code))} at {describe_cell(row, column)}"
+            got = f"{brief(code)} at {describe_cell(row, column)}"
             raise InputError(name, "tile codes 0 to 15, or null for a free cell", got)
     codes = np.array([[-1 if code is None else code for code in row] for row in rows], int)
     _check_sides(name, codes)

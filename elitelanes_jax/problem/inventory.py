@@ -5,7 +5,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from elitelanes_jax._util.checks import check_named, check_unique, items_of, split_settings, whole
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, quote, suggest
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.ranges import Range
@@ -34,7 +34,7 @@ def parse_numbers(
     if isinstance(numbers, Mapping):
         numbers = numbers.items()
     if not isinstance(numbers, Iterable):
-        raise InputError(option, expected, shorten(repr(numbers)))
+        raise InputError(option, expected, quote(numbers))
     check = whole(least)
     checked: list[tuple[str, int]] = []
     for pair in numbers:
@@ -42,11 +42,11 @@ def parse_numbers(
             name, number = _split_pair(pair)
         except (TypeError, ValueError):
             # The value cannot be unpacked, or has not two parts, or one of them is missing.
-            raise InputError(option, expected, shorten(repr(pair))) from None
+            raise InputError(option, expected, quote(pair)) from None
         if isinstance(name, str):
             name = name.strip()
         if not isinstance(name, str) or name not in names:
-            raise InputError(option, expected, shorten(repr(name), 40), suggest(name, names))
+            raise InputError(option, expected, quote(name, 40), suggest(name, names))
         checked.append((name, check_named(f"{option} {name}", check, number)))
     check_unique(option, "name", [name for name, _ in checked])
     return tuple(checked)

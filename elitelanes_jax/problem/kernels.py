@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, function_of
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, quote, shorten, suggest
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Pytree, Untyped, UserValue
 from elitelanes_jax.network.metrics import unstack_metrics
@@ -68,13 +68,11 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
     if features is None:
         return {}
     if not isinstance(features, Mapping):
-        raise InputError("features", "kernels by name", shorten(repr(features)))
+        raise InputError("features", "kernels by name", quote(features))
     check_features(features)
     for name, kernel in features.items():
         if not callable(kernel):
-            raise InputError(
-                "features", f"{name} to be a function of a grid", shorten(repr(kernel))
-            )
+            raise InputError("features", f"{name} to be a function of a grid", quote(kernel))
         check_named(f"features: {name}", function_of("grid"), kernel)
         # JAX traces the kernel with a shape and a dtype alone, so nothing is computed.
         grid = jax.ShapeDtypeStruct(shape, jnp.int8)
@@ -94,7 +92,7 @@ def check_fitness(
     """
     if not callable(fitness):
         expected = "a function of metrics, features, grid or usual"
-        raise InputError("fitness", expected, shorten(repr(fitness)))
+        raise InputError("fitness", expected, quote(fitness))
     for argument in arguments_of(fitness):
         if argument not in _ARGUMENTS:
             names = ", ".join(_ARGUMENTS)
@@ -254,7 +252,7 @@ def _as_array(subject: str, expected: str, value: UserValue) -> Untyped:
     try:
         return jnp.asarray(value)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(subject, expected, shorten(repr(value), 60)) from None
+        raise InputError(subject, expected, quote(value, 60)) from None
 
 
 def _clipped(value: Integer[Array | np.ndarray | np.generic, ""]) -> Int32[Array, ""]:
@@ -272,9 +270,7 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
         if any(parameter.kind is Parameter.POSITIONAL_ONLY for parameter in parameters):
             raise TypeError("positional only")
     except (TypeError, ValueError):
-        raise InputError(
-            "fitness", "a function with named arguments", shorten(repr(fitness))
-        ) from None
+        raise InputError("fitness", "a function with named arguments", quote(fitness)) from None
     return tuple(parameter.name for parameter in parameters if parameter.default is Parameter.empty)
 
 
@@ -298,7 +294,7 @@ def _described(result: Pytree, batch: int = 0) -> str:
     For a result that is no array, returns its text.
     """
     if not hasattr(result, "dtype"):
-        return shorten(repr(result), 60)
+        return quote(result, 60)
     return f"{result.dtype} of shape {result.shape[batch:]}"
 
 

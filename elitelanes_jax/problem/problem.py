@@ -23,7 +23,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, quote, suggest
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.network.bits import random_grids
@@ -267,9 +267,9 @@ def _check_fixed(fixed: Untyped, shape: tuple[int, int]) -> None:
         array = fixed if hasattr(fixed, "dtype") else np.asarray(fixed)
     except ValueError:
         # The rows have several lengths.
-        raise InputError("", expected, shorten(repr(fixed))) from None
+        raise InputError("", expected, quote(fixed)) from None
     if array.dtype != np.bool_ or array.shape != shape:
-        raise InputError("", expected, shorten(repr(fixed)))
+        raise InputError("", expected, quote(fixed))
 
 
 def _check_initial(initial: Untyped, shape: tuple[int, int]) -> None:
@@ -278,7 +278,7 @@ def _check_initial(initial: Untyped, shape: tuple[int, int]) -> None:
     try:
         array = initial if hasattr(initial, "dtype") else jnp.asarray(initial)
     except (OverflowError, TypeError, ValueError):
-        raise InputError("", expected, shorten(repr(initial))) from None
+        raise InputError("", expected, quote(initial)) from None
     has_shape = array.ndim == 3 and array.shape[1:] == shape
     if not has_shape or not jnp.issubdtype(array.dtype, jnp.integer):
         raise InputError("", expected, f"{array.dtype} {list(array.shape)}")

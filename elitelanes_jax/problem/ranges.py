@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Int32
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote, shorten
 from elitelanes_jax._util.types import AnyArray, ArrayOrRows, ArrayT, Untyped, UserValue
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem.features import (
@@ -208,7 +208,7 @@ def _range(
     elif not isinstance(limits, tuple | list):
         limits = (limits, limits)
     if len(limits) != 2:
-        raise InputError(source, "a number or two limits", shorten(repr(limits)))
+        raise InputError(source, "a number or two limits", quote(limits))
     low = _limit(source, feature, limits[0])
     high = _limit(source, feature, limits[1])
     if low is None and high is None:
@@ -232,7 +232,7 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction | None:
         # An exponent is read by `float`, because Fraction("1e99999999") would fill the memory.
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise InputError(source, "a number", shorten(repr(limit))) from None
+        raise InputError(source, "a number", quote(limit)) from None
     is_users = name not in FEATURES and name not in TOWN_FEATURES
     least = -LARGEST if is_users else 0
     most = 1 if is_share(name) else LARGEST

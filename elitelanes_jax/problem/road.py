@@ -25,7 +25,7 @@ from elitelanes_jax._util.checks import (
     listed,
 )
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -385,7 +385,7 @@ def _check_feature_weights(weights: Untyped, measured: Sequence[str]) -> AnyArra
 def _count_limited(limits: AnyArray, feature_names: Sequence[str]) -> int:
     """Checks limits of columns; returns how many columns they limit, 0 if the limits are traced."""
     if not hasattr(limits, "dtype") or not jnp.issubdtype(limits.dtype, jnp.integer):
-        got = getattr(limits, "dtype", shorten(repr(limits)))
+        got = getattr(limits, "dtype", quote(limits))
         raise InputError("limits", "an array of whole numbers", got)
     shape = (2, len(feature_names) + len(SHARES))
     if np.shape(limits) != shape:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, items_of, real
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.features import check_feature, is_share
 
@@ -33,7 +33,7 @@ def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[E
     """
     pairs = targets.items() if isinstance(targets, Mapping) else targets
     if isinstance(pairs, str) or not isinstance(pairs, Iterable):
-        raise InputError("targets", "features with their values", shorten(repr(targets)))
+        raise InputError("targets", "features with their values", quote(targets))
     read = tuple(_example_values(pair, features) for pair in pairs)
     check_unique("targets", "feature", [item.name for item in read])
     if read and any(len(item.values) != len(read[0].values) for item in read):
@@ -100,7 +100,7 @@ def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues
         first, second = items_of(pair)
         values = list(items_of(second))
     except (TypeError, ValueError):
-        raise InputError("targets", "a feature with its values", shorten(repr(pair))) from None
+        raise InputError("targets", "a feature with its values", quote(pair)) from None
     name = check_feature("targets", first, features)
     least = -LARGEST if name in features else 0
     most = 1 if is_share(name) else LARGEST

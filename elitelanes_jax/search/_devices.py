@@ -9,7 +9,7 @@ from itertools import cycle, islice
 import jax
 
 from elitelanes_jax._util.checks import is_whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.threads import count_cores
 
 # The most seeds that a processor's core advances together. What a step of more seeds reads and
@@ -40,7 +40,7 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
         count = devices
     else:
         expected = "JAX's devices, or their number, at least 1"
-        raise InputError("devices", expected, shorten(repr(devices)))
+        raise InputError("devices", expected, quote(devices))
     # If there are fewer devices, they are repeated in their order.
     return list(islice(cycle(local), count))
 

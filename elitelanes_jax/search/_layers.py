@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import NamedTuple, TypeVar
 
 from elitelanes_jax._util.checks import check_named, none_or
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import check_names
 from elitelanes_jax._util.types import OptionValue, UserValue
 from elitelanes_jax.problem.ranges import Range
@@ -93,7 +93,7 @@ def check_options(
 def _check_large(large: UserValue, user_features: Collection[str]) -> dict[str, OptionValue]:
     """Checks the options for large maps."""
     if not isinstance(large, Mapping):
-        raise InputError("", "options by their names", shorten(repr(large)))
+        raise InputError("", "options by their names", quote(large))
     return check_options(large, user_features, without=NOT_OF_LARGE)
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from elitelanes_jax._util.checks import check_named, is_whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import npz_bytes, read_npz
 from elitelanes_jax._util.packages import __version__
@@ -178,9 +178,7 @@ def _read_settings(
     if not isinstance(settings, dict) or "format" not in settings:
         raise InputError("", "", "a file without options")
     if settings["format"] != _FORMAT:
-        raise InputError(
-            "", "", f"one of the format {shorten(repr(settings['format']))}, not {_FORMAT!r}"
-        )
+        raise InputError("", "", f"one of the format {quote(settings['format'])}, not {_FORMAT!r}")
     grids = arrays.get("grids", np.empty(0))
     if grids.ndim < 3 or not grids.size:
         raise InputError("", "", "a file without grids")
@@ -211,7 +209,7 @@ def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:
     """Reads the digests of the user's functions."""
     digests = settings.get("functions", {})
     if not isinstance(digests, dict) or not all(isinstance(text, str) for text in digests.values()):
-        raise InputError("functions", "digests by name", shorten(repr(digests)))
+        raise InputError("functions", "digests by name", quote(digests))
     return tuple(digests.items())
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Key
 
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.optimizers.loop import check_state
 from elitelanes_jax.optimizers.presets import PRESETS, Config, find_preset, user_moves, with_moves
@@ -48,9 +48,9 @@ def set_method(
     if optimizer is not None:
         if not callable(optimizer):
             expected = "a function from a problem to an Optimizer (method= takes names)"
-            raise InputError("optimizer", expected, shorten(repr(optimizer)))
+            raise InputError("optimizer", expected, quote(optimizer))
         if config is not None:
-            raise InputError("config", "none with an optimizer", shorten(repr(config), 60))
+            raise InputError("config", "none with an optimizer", quote(config, 60))
         # A preset stays: it has the default axes.
         if "method" in options:
             raise InputError("method", "none with an optimizer", repr(options["method"]))
@@ -98,7 +98,7 @@ def check_extensions(search: Search, extensions: Extensions) -> None:
     ]
     for name, function in functions:
         if not _is_hashable(function):
-            raise InputError(name, "a function with a hash", shorten(repr(function)))
+            raise InputError(name, "a function with a hash", quote(function))
     if extensions.fitness is not None:
         check_fitness(extensions.fitness, search.shape, search.feature_names)
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, Key
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.engine import Engine, check_pool
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -156,7 +156,7 @@ def _check_none_with_executor(**arguments: UserValue) -> None:
     """Checks that the arguments, which an executor's workers cannot use, are not given."""
     for name, value in arguments.items():
         if value is not None:
-            got = shorten(repr(value), 60)
+            got = quote(value, 60)
             raise InputError(name, "none with an executor", got)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
-from elitelanes_jax._util.errors import InputError, shorten, warn_user
+from elitelanes_jax._util.errors import InputError, quote, warn_user
 from elitelanes_jax.search.records import NO_STATE, History
 from elitelanes_jax.search.result import Result
 
@@ -78,7 +78,7 @@ def _search_of(result: Result) -> dict[str, object]:
 def _check_same_search(index: int, got: dict[str, object], expected: dict[str, object]) -> None:
     for name in expected | got:
         if got.get(name) != expected.get(name):
-            first, other = shorten(repr(expected.get(name)), 60), shorten(repr(got.get(name)), 60)
+            first, other = quote(expected.get(name), 60), quote(got.get(name), 60)
             raise InputError(
                 "results", f"one search with {name} {first}", f"{other} at index {index}"
             )

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, is_whole
-from elitelanes_jax._util.errors import InputError, shorten, warn_user
+from elitelanes_jax._util.errors import InputError, quote, warn_user
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.optimizers.loop import seed_key_data
@@ -51,9 +51,7 @@ def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
         count = check_named("seeds", check_seeds, SEEDS if seeds is None else seeds)
         return keys_of_seeds(seed, range(count))
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        raise InputError(
-            "key", "a whole number, a jax.random.key or an array of them", shorten(repr(key))
-        )
+        raise InputError("key", "a whole number, a jax.random.key or an array of them", quote(key))
     if isinstance(key, jax.core.Tracer):
         raise InputError(
             "key",

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
-from elitelanes_jax._util.errors import InputError, pluralize, shorten
+from elitelanes_jax._util.errors import InputError, pluralize, quote
 from elitelanes_jax._util.types import OptionValue, Plain
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.records import (
@@ -193,7 +193,7 @@ def spec_from_plain(plain: Plain) -> SearchSpec:
     if large is None:
         return spec
     if not isinstance(large, Mapping):
-        raise InputError("large", "options by their names", shorten(repr(large)))
+        raise InputError("large", "options by their names", quote(large))
     values = settings_from_plain(options | dict(large)).values()
     options_of_large = {name: value for name, value in values.items() if name not in NOT_OF_LARGE}
     return spec.replace(large=options_of_large)
@@ -207,7 +207,7 @@ def search_from_plain(plain: Plain, shape: tuple[int, int]) -> Search:
     """
     options, large = _split_large(plain)
     if large is not None:
-        raise InputError("large", "none in a search on one shape", shorten(repr(large)))
+        raise InputError("large", "none in a search on one shape", quote(large))
     return _complete(settings_from_plain(options), shape)
 
 
@@ -222,7 +222,7 @@ def has_other_alphabet(search: Search, other: Search) -> bool:
 def _split_large(plain: Plain) -> tuple[dict[str, Plain], Plain]:
     """Splits plain options into those for all maps and those for large maps, or None."""
     if not isinstance(plain, Mapping) or "large" not in plain:
-        raise InputError("search", "all options of a search", shorten(repr(plain)))
+        raise InputError("search", "all options of a search", quote(plain))
     options = dict(plain)
     large = options.pop("large")
     return options, large

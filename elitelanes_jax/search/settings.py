@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 
 from elitelanes_jax._util.checks import check_named, flag, nonblank, none_or, one_of, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Option, option
 from elitelanes_jax._util.types import OptionValue, Plain, UserValue
 from elitelanes_jax.formats.road_map import as_maps
@@ -173,7 +173,7 @@ def settings_from_plain(plain: Plain) -> Settings:
       InputError: for a missing or unknown option, or a wrong value.
     """
     if not isinstance(plain, Mapping) or set(plain) != set(OPTIONS):
-        raise InputError("search", "all options of a search", shorten(repr(plain)))
+        raise InputError("search", "all options of a search", quote(plain))
     # The features are checked first, because other options name them. The check of the style would
     # read its file, which may not exist any more.
     user_features = check_named("features", check_features, plain["features"])

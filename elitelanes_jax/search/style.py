@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, quote, suggest
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.ranges import Range
@@ -53,7 +53,7 @@ def read_style(style: UserValue) -> Style:
         return _read_own(text)
     if not text.endswith(".toml"):
         names = f"one of {', '.join(STYLES)}, or a file that ends in .toml"
-        raise InputError("style", names, shorten(repr(style), 40), suggest(text, STYLES))
+        raise InputError("style", names, quote(style, 40), suggest(text, STYLES))
     return Style(text, read_toml(text, f"style {text!r}"))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import is_flag
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 
 
 def draw_lots(seed: int | list[int], shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -20,5 +20,5 @@ def draw_lots(seed: int | list[int], shape: tuple[int, ...]) -> NDArray[np.float
             raise TypeError
         return np.random.default_rng(np.random.SeedSequence(seed)).random(shape)
     except (TypeError, ValueError):
-        got = shorten(repr(seed))
+        got = quote(seed)
         raise InputError("seed", "whole numbers, 0 or more", got) from None

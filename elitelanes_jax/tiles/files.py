@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.copies import keeps_copies
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.files import MIB, read_bytes
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import OPAQUE
@@ -201,7 +201,7 @@ def check_picture(pixels: UserValue) -> NDArray[np.uint8]:
     """
     expected = f"uint8 [H, W, 3], at least {_SHORTEST_SIDE} pixels a side"
     if not isinstance(pixels, np.ndarray):
-        raise InputError("", expected, shorten(repr(pixels)))
+        raise InputError("", expected, quote(pixels))
     is_picture = pixels.ndim == 3 and pixels.shape[2] == 3 and pixels.dtype == np.uint8
     if not is_picture or min(pixels.shape[:2]) < _SHORTEST_SIDE:
         raise InputError("", expected, f"{pixels.dtype} {list(pixels.shape)}")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_whole, one_of, path
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
@@ -130,7 +130,7 @@ def propose_masks(
     is_mapping = isinstance(colours, Mapping)
     if not is_mapping or not all(_is_colour(colours.get(name)) for name in COLOURS):
         expected = f"three ranges, of hue, saturation and value, for {', '.join(COLOURS)}"
-        raise InputError("colours", expected, shorten(repr(colours)))
+        raise InputError("colours", expected, quote(colours))
     size = image.shape[0]
     fine = _disc(size * _CLEAN)
     # In one light, a colour has one range on all photographs. The median removes noise and keeps

@@ -39,7 +39,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain, Untyped, UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
@@ -377,7 +377,7 @@ def _read_about(file: Path) -> _About:
     for key in sorted({*about, *_KEYS}):
         if key not in known_keys:
             known = ", ".join(known_keys)
-            raise InputError(file, f"the keys {known}", shorten(repr(key)))
+            raise InputError(file, f"the keys {known}", quote(key))
         if key not in about:
             raise InputError(file, f"the keys {', '.join(_KEYS)}", f"no {key}")
     kind = check_named(str(file), check_kind, about["kind"])
@@ -385,20 +385,18 @@ def _read_about(file: Path) -> _About:
     is_flat = OBJECT_KINDS[base_kind(kind)].height == 0
     # Tags on the floor have height 0, and all other objects are higher.
     if is_flat and not (is_real(height) and height == 0):
-        raise InputError(f"{file}: height", "0 for tags on the floor", shorten(repr(height), 40))
+        raise InputError(f"{file}: height", "0 for tags on the floor", quote(height, 40))
     if not is_flat and not (is_real(height) and 0 < height <= _MOST):
-        raise InputError(f"{file}: height", f"metres over 0, to {_MOST}", shorten(repr(height), 40))
+        raise InputError(f"{file}: height", f"metres over 0, to {_MOST}", quote(height, 40))
     footprint = _read_pair(about["footprint"])
     if footprint is None or not all(0 < side <= _MOST for side in footprint):
-        got = shorten(repr(about["footprint"]), 40)
+        got = quote(about["footprint"], 40)
         raise InputError(f"{file}: footprint", "[length, width] in metres", got)
     tag = None
     if _TAG in about:
         tag = _read_pair(about[_TAG])
         if tag is None or not (0 <= tag[0] <= _MOST and 0 < tag[1] <= _MOST):
-            raise InputError(
-                f"{file}: tag", "[middle, side] in metres", shorten(repr(about[_TAG]), 40)
-            )
+            raise InputError(f"{file}: tag", "[middle, side] in metres", quote(about[_TAG], 40))
     return _About(kind, float(height), footprint, tag)
 
 

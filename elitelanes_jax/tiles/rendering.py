@@ -23,7 +23,7 @@ from elitelanes_jax._util.checks import (
     real,
     whole,
 )
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, as_map
@@ -157,7 +157,7 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
     """Lists the pictures of each cell of a grid; the errors are those of `choose_tiles`."""
     grid = known_grid(grid)
     if not isinstance(tiles, TileSet):
-        raise InputError("tiles", "a TileSet, as load_tiles gives it", shorten(repr(tiles)))
+        raise InputError("tiles", "a TileSet, as load_tiles gives it", quote(tiles))
     undrawn = first_undrawn(grid, tiles)
     if undrawn is not None:
         code, cell = undrawn
@@ -282,7 +282,7 @@ def check_tile_px(tile_px: UserValue) -> int:
         raise InputError(
             "tile_px",
             f"a whole number, {_SMALLEST} to {_LARGEST} pixels a tile",
-            shorten(repr(tile_px)),
+            quote(tile_px),
         )
     return int(tile_px)
 
@@ -344,7 +344,7 @@ def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray
         chosen = np.asarray(chosen)
     except ValueError:
         # The rows have several lengths.
-        raise InputError("chosen", expected, shorten(repr(chosen))) from None
+        raise InputError("chosen", expected, quote(chosen)) from None
     if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
         raise InputError("chosen", expected, f"{chosen.dtype} of shape {chosen.shape}")
     for row, column in _misfits(grid, tiles, chosen):

@@ -9,7 +9,7 @@ import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import UserValue
@@ -55,7 +55,7 @@ def write_tags(road_map: UserValue, file: str | Path) -> int:
     """
     target = check_named("file", path, file)
     if target.suffix.lower() != ".pdf":
-        raise InputError("file", "a name that ends in .pdf", shorten(repr(str(file))))
+        raise InputError("file", "a name that ends in .pdf", quote(str(file)))
     objects = as_map(road_map).objects or ()
     tags = sorted((thing.tag, thing.kind) for thing in objects if thing.tag is not None)
     if not tags:

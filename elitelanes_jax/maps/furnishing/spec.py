@@ -13,7 +13,7 @@ from elitelanes_jax._util.checks import (
     real,
     split_settings,
 )
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -46,7 +46,7 @@ _SHORT_WORDS: dict[str, UserValue] = {"signs": "all", "street_names": "all", "un
 def _amount(value: UserValue) -> float:
     number: float = real(0, _LARGEST_AMOUNT, unit=_AMOUNTS)(value)
     if number > 1 and number != int(number):
-        raise InputError("", _AMOUNTS, shorten(repr(value), 40))
+        raise InputError("", _AMOUNTS, quote(value, 40))
     return number
 
 
@@ -147,7 +147,7 @@ def parse_furnish(value: UserValue) -> FurnishSpec:
     texts = [str(value)] if isinstance(value, str | Path) else value
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
         expected = "a FurnishSpec, or words such as signs, all, duckies=6"
-        raise InputError("", expected, shorten(repr(value), 40))
+        raise InputError("", expected, quote(value, 40))
     # A text may be several words, as commands take them.
     words: list[str] = []
     for text in texts:
@@ -180,7 +180,7 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
             expected = (
                 f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
             )
-            raise InputError("", expected, shorten(repr(word), 40))
+            raise InputError("", expected, quote(word, 40))
     # A file that is named twice would place each of its objects twice, in one place.
     check_unique("", "file", [str(Path(file).resolve()) for file in files])
     objects = tuple(thing for file in files for thing in _read_objects(file))
