@@ -365,7 +365,7 @@ def _label_rows(ax: "Axes", axes: "Sequence[Axis]") -> None:
     Lines separate the groups of bins on the last axis.
     """
     if not axes:
-        # The descriptor has one axis.
+        # All axes are in the columns.
         ax.set_yticks([])
         return
     names = [axis.metric.replace("_", _HARD_SPACE) for axis in axes]
@@ -493,20 +493,22 @@ def _bin_name(axis: "Axis", index: int) -> str:
     """Returns the values in a bin, shares in per cent."""
     from elitelanes_jax.problem.features import SHARE_UNIT, feature_unit, is_share
 
+    unit, is_per_cent = feature_unit(axis.metric), is_share(axis.metric)
+
+    def show(value: int) -> str:
+        if unit == 1:
+            return f"{value}"
+        return f"{100 * value / SHARE_UNIT:g}%" if is_per_cent else f"{value / SHARE_UNIT:g}"
+
     first = axis.start + index * axis.width
     last = first + axis.width - 1
-    # The last bin has all larger values.
-    is_open = index == axis.bins - 1
-    if is_share(axis.metric):
-        text = f"{100 * first / SHARE_UNIT:g}%"
-        is_open &= last < SHARE_UNIT - 1
-    elif feature_unit(axis.metric) != 1:
-        text = f"{first / SHARE_UNIT:g}"
-    elif is_open or first == last:
-        text = f"{first}"
-    else:
-        text = f"{first}–{last}"
-    return text + "+" if is_open else text
+    # The first bin has all smaller values, and the last one all larger ones. Counts such as that of
+    # components start at 1, because every map has one.
+    if index == 0 and axis.start > 1:
+        return f"≤{show(last)}" if unit == 1 else f"<{show(last + 1)}"
+    if index == axis.bins - 1 and not (is_per_cent and last >= SHARE_UNIT - 1):
+        return f"{show(first)}+"
+    return f"{first}–{last}" if unit == 1 and first != last else show(first)
 
 
 # The positions of a tile's sides relative to its middle, x to the east and y to the south.

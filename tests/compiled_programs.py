@@ -16,8 +16,9 @@ QUICK_FLAGS = f"--xla_cpu_parallel_codegen_split_count=1 --xla_disable_hlo_passe
 if (0, 8) <= jax.__version_info__ < (0, 11):
     QUICK_FLAGS += " --xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 else:
-    # At level 0, other compilers round in another way in a batch than alone. New ones refuse the emitters' flag.
-    QUICK_FLAGS += " --xla_backend_optimization_level=1"
+    # At level 0, other compilers round in another way in a batch than alone, and at level 1, JAX 0.7 crashes while it
+    # compiles an environment. New ones refuse the emitters' flag.
+    QUICK_FLAGS += f" --xla_backend_optimization_level={2 if jax.__version_info__ < (0, 8) else 1}"
 
 # The most programs in memory. Each takes memory mappings, and a process has 65,530 of them.
 _MOST_PROGRAMS = 100

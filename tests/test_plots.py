@@ -200,6 +200,13 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
     many = archive_map(np.zeros(320), fine, across="crossings")
     heads = [label.get_text() for label in many.get_yticklabels()]
     assert heads[:3] == ["0% · 0%", "0% · 50%", "10% · 0%"] and heads[-1] == "70%+ · 50%"
+    for axis, heads in (
+        (Axis("turn_share", 3, 100, start=200), ["<30%", "30%", "40%+"]),
+        (Axis("turns", 3, 2, start=4), ["≤5", "6–7", "8+"]),
+        (Axis("mean_block", 3, 1500, start=3000), ["<4.5", "4.5", "6+"]),
+    ):
+        named = archive_map(np.arange(3), [axis]).get_xticklabels()
+        assert [label.get_text() for label in named] == heads
     row = archive_map(np.arange(4), (Axis("crossings", 4, 1),))
     assert row.images[0].get_array().tolist() == [[0, 1, 2, 3]] and not row.get_yticks().size
 

@@ -256,7 +256,7 @@ WRONG = {
     "best: expected shape [..., 2] for 5x5A-10000, got [2, 9]": lambda: compute_scores(TASK, np.zeros((2, 9))),
     "best: expected numbers, infinite in vacant niches, got nan": lambda: compute_scores(TASK, np.full((1, 2), np.nan)),
     "best: expected no fitness below the optimum": lambda: compute_scores(TASK, TASK.optimum[None] - [[0, 1]]),
-    "name: expected a metric, or a share such as straight_share, got 'bridge'; is it bridges?": lambda: extreme_maps(
+    "name: expected a feature such as turns or straight_share, got 'bridge'; is it bridges?": lambda: extreme_maps(
         "bridge"
     ),
     "names: expected features that the search has measured, got boxfill": lambda: with_town_features(
@@ -418,7 +418,7 @@ WRONG = {
     "raster: expected one bool, got shape [2]": lambda: repair(RING, raster=np.ones(2, bool)),
     **{
         f"robots: expected a number, got {value!r}": lambda value=value: gridlock_potential(RING, value)
-        for value in (float("nan"), "x", True, None)
+        for value in (float("nan"), "x", True, None, np.array([3.0]))
     },
     **{
         f"probability: expected a number, 0 to 1, got {value!r}": lambda make=make, value=value: make(
@@ -530,7 +530,7 @@ WRONG = {
         (4, 4), "a:3:1", features={"a": lambda grid: grid[0]}
     ),
     "measured: expected a list of str, got 'signable'": lambda: road_problem((4, 4), measured="signable"),
-    "measured: expected a metric, or a share such as": lambda: road_problem((4, 4), measured=["signabel"]),
+    "measured: expected a feature such as turns": lambda: road_problem((4, 4), measured=["signabel"]),
     "fitness: expected it to return an integer or float scalar, got": lambda: road_problem(
         (4, 4), fitness=lambda grid: grid[0]
     ),

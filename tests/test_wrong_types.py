@@ -231,7 +231,7 @@ def test_what_is_taken_is_not_blamed():
     for positional, named in taken:
         with pytest.raises(KeyError):
             name_wrong_arguments(fails)(*positional, **named)
-    with pytest.raises(InputError, match="^names: expected a list of a text, got 3$"):
+    with pytest.raises(InputError, match="^names: expected a list, each item a text, got 3$"):
         name_wrong_arguments(fails)(KEY, names=3)
     with pytest.raises(TypeError, match="unexpected keyword"):
         name_wrong_arguments(measure)(KEY, colour=3)

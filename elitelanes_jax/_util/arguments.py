@@ -265,9 +265,8 @@ def _describe(annotation: Untyped) -> str:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "values by name"
     if _is_iterable(origin):
-        return (
-            f"a list of {' and '.join(_distinct_words(part for part in parts if part is not ...))}"
-        )
+        words = " and ".join(_distinct_words(part for part in parts if part is not ...))
+        return f"a list, each item {words}"
     kind = origin or annotation
     return _WORDS.get(kind) or str(getattr(kind, "__name__", kind))
 

@@ -1,4 +1,6 @@
-"""The name of a cell of a map: letters and a number for people, an index in files and arrays."""
+"""Names of cells and sizes of maps: letters and a number for people, an index in files and arrays."""
+
+from collections.abc import Sequence
 
 
 def column_name(column: int) -> str:
@@ -30,3 +32,9 @@ def cell_name(row: int, column: int) -> str:
 def describe_cell(row: int, column: int) -> str:
     """Returns the name of a cell for a message, with its index in files: C2 ([1, 2])."""
     return f"{cell_name(row, column)} ([{row}, {column}])"
+
+
+def describe_size(shape: Sequence[int]) -> str:
+    """Returns the rows and columns of a map as messages have them, such as 6 x 7."""
+    height, width = shape
+    return f"{height} x {width}"

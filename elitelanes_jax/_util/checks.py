@@ -384,7 +384,7 @@ def folder(value: UserValue) -> Path:
 def flag(value: UserValue) -> bool:
     """Checks for True or False."""
     if not is_flag(value):
-        raise InputError("", "True or False", repr(value))
+        raise InputError("", "True or False", quote(value))
     return bool(value)
 
 

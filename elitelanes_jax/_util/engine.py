@@ -197,7 +197,7 @@ def _dump(function: Callable[[A], R]) -> bytes:
     except ImportError:
         dumps, hint = (
             pickle.dumps,
-            "; pip install cloudpickle, or define functions at the top level of a module",
+            "pip install cloudpickle, or define functions at the top level of a module",
         )
     else:
         dumps, hint = cloudpickle.dumps, ""

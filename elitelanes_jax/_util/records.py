@@ -26,7 +26,7 @@ from elitelanes_jax._util.checks import (
     path_exists,
 )
 from elitelanes_jax._util.copies import frozen_copy
-from elitelanes_jax._util.errors import InputError, suggest
+from elitelanes_jax._util.errors import InputError, quote, suggest
 from elitelanes_jax._util.types import Numbers, Numeric, Untyped, UserValue
 
 T = TypeVar("T")
@@ -240,7 +240,7 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
     known = list(known)
     for name in names:
         if name not in known:
-            raise InputError(name, f"one of {', '.join(known)}", repr(name), suggest(name, known))
+            raise InputError(name, f"one of {', '.join(known)}", quote(name), suggest(name, known))
 
 
 def descriptions(kind: type) -> dict[str, str]:

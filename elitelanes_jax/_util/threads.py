@@ -26,7 +26,7 @@ def use_cores(count: int) -> None:
       InputError: for a number under 1.
     """
     global _limit
-    _limit = check_named("cores", whole(1), count)
+    _limit = check_named("count", whole(1), count)
 
 
 def count_cores() -> int:

@@ -70,8 +70,8 @@ def register_pcg_problems() -> list[str]:
 
     - Quality is 1 / (1 + flaws per cell), see `Measured.flaws`, and 0 without roads. A flawless
       network passes.
-    - Diversity compares two networks at the same place, in the rotation or reflection that is most
-      alike. They pass if `DIVERSITY` of the cells differ.
+    - Diversity compares two networks after both are moved to the north-west corner, in the rotation
+      or reflection that is most alike. They pass if `DIVERSITY` of the cells differ.
     - The control is a cyclomatic number for which a flawless network exists, which is proven. A
       network passes if it has this number.
 

@@ -26,7 +26,7 @@ LEAST_RUNS = 10
 TRACKS = ("open", "tiles", "links", "moves")
 """The tracks of the benchmark."""
 
-# The largest size of the grids: `unpack` reads 2**29 bytes on any machine.
+# The largest size of the grids: `read_npz` reads 2**29 bytes on any machine.
 _MOST_BYTES = 2**29 - 2**12
 
 

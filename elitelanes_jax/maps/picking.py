@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_size
 from elitelanes_jax._util.checks import check_named, check_unique, is_folder, path, paths
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_json
@@ -170,8 +171,8 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
     for source in sources:
         search = source.result.search
         if search.shape != first.shape:
-            expected, got = "{} x {}".format(*first.shape), "{} x {}".format(*search.shape)
-            raise InputError(source.name, f"maps of {expected}, as in the first archive", got)
+            expected = f"maps of {describe_size(first.shape)}, as in the first archive"
+            raise InputError(source.name, expected, describe_size(search.shape))
         # The elites of all archives together may have these codes.
         alphabet.update(search.alphabet)
     settings = first.settings

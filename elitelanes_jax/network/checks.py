@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.cells import describe_cell
+from elitelanes_jax._util.cells import describe_cell, describe_size
 from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 
@@ -48,7 +48,9 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
     least, purpose = (2, " for new maps") if new else (1, "")
     if min(height, width) < least or max(height, width) > LONGEST_SIDE:
         raise InputError(
-            "shape", f"sides from {least} to {LONGEST_SIDE}{purpose}", f"{height} x {width}"
+            "shape",
+            f"sides from {least} to {LONGEST_SIDE}{purpose}",
+            describe_size((height, width)),
         )
     return height, width
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.checks import items_of
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.types import UserValue, WholeT
 
 NORTH = 8
@@ -135,8 +135,8 @@ def check_alphabet(codes: UserValue) -> tuple[int, ...]:
         )
     except (TypeError, ValueError):
         # The value cannot be iterated over, or its rows have several lengths.
-        raise InputError("alphabet", expected, repr(codes)) from None
+        raise InputError("alphabet", expected, quote(codes)) from None
     wrong = [code for code in listed if type(code) is not int or not 0 <= code <= 15]
     if wrong or not listed:
-        raise InputError("alphabet", expected, repr(wrong[0]) if wrong else "none")
+        raise InputError("alphabet", expected, quote(wrong[0]) if wrong else "none")
     return tuple(sorted(set(listed)))

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from elitelanes_jax._util.cells import describe_size
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import LONGEST_SIDE
@@ -43,7 +44,7 @@ class Metrics(NamedTuple):
       empty_cells: cells with no connection.
       edges: links.
       mismatches: unmatched connections inside the grid.
-      off_alphabet: tiles whose code is not in the alphabet given to `measure`; 0 without an
+      off_alphabet: cells whose code is not in the alphabet given to `measure`; 0 without an
         alphabet.
       coverage: tiles / all cells, in [0, 1] (CV).
     """
@@ -150,7 +151,7 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
     if largest >= 2**31:
         raise InputError(
             "weights",
-            f"a fitness within int32 for every grid of {shape[0]} x {shape[1]}",
+            f"a fitness within int32 for every grid of {describe_size(shape)}",
             f"weights with which it might reach {largest:,}",
         )
     return exact

@@ -13,6 +13,7 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.cells import describe_size
 from elitelanes_jax._util.checks import is_flag
 from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
@@ -65,7 +66,7 @@ def repair(
     """
     grid = check_grid(grid)
     if fill and min(grid.shape) < 2:
-        raise InputError("fill", "a grid of at least 2 x 2", f"{grid.shape[0]} x {grid.shape[1]}")
+        raise InputError("fill", "a grid of at least 2 x 2", describe_size(grid.shape))
     dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
     _check_raster(raster)
     fixed = None if fixed is None else _check_mask("fixed", fixed, grid.shape)

@@ -101,7 +101,7 @@ def gridlock_potential(
 
 def _check_robots(robots: ArrayLike) -> None:
     """Checks a number of robots, which may be infinite or traced."""
-    is_number = is_real(robots) or hasattr(robots, "dtype")
+    is_number = is_real(robots) or (hasattr(robots, "dtype") and not np.ndim(robots))
     if not is_number or (not is_traced(robots) and np.isnan(robots).any()):
         raise InputError("robots", "a number", quote(robots))
 

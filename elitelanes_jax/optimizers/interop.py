@@ -21,6 +21,7 @@ from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import ArrayOrRows, Untyped, UserValue
 from elitelanes_jax.network.bits import normal, random_bits
+from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._population import evaluate as evaluate_all
@@ -50,7 +51,7 @@ def qdax_scoring_fn(
     _check_niches(problem)
 
     def score(genotypes: Array, key: Key[Array, ""]) -> tuple[Array, Array, dict[str, Array]]:
-        _check_genotypes(problem, genotypes)
+        genotypes = _check_grids("genotypes", problem, genotypes)
         population = evaluate_all(problem, genotypes)
         bins = niche_bins(problem.descriptor(population.features), problem.axes)
         # The fitness of a refused grid may be the largest int32, which is finite. So -inf replaces
@@ -72,11 +73,8 @@ def _count_niches(problem: Problem) -> int:
     return problem.niches
 
 
-def _check_genotypes(problem: Problem, genotypes: Array) -> None:
-    if genotypes.shape[1:] != problem.shape or genotypes.dtype != jnp.int8:
-        height, width = problem.shape
-        got = f"{genotypes.dtype} {genotypes.shape}"
-        raise InputError("genotypes", f"int8 grids [B, {height}, {width}]", got)
+def _check_grids(name: str, problem: Problem, grids: Array) -> Array:
+    return check_array(name, grids, ("B", *problem.shape), jnp.int8)
 
 
 @name_wrong_arguments
@@ -125,8 +123,8 @@ def qdax_moves(
         return problem.repair(moved_grid, dirty)
 
     def vary(genotypes: Array, mates: Array, key: Key[Array, ""]) -> Array:
-        _check_genotypes(problem, genotypes)
-        _check_genotypes(problem, mates)
+        genotypes = _check_grids("genotypes", problem, genotypes)
+        mates = _check_grids("mates", problem, mates)
         if len(mates) != len(genotypes):
             raise InputError("mates", pluralize(len(genotypes), "grid"), len(mates))
         bits = random_bits(key, (len(genotypes), move.bits))

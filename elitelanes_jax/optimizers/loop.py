@@ -164,7 +164,7 @@ def advance(
 def check_state(state: Tree) -> Tree:
     """Returns what an optimiser's `init` returned; raises `InputError` if it has no array."""
     if not jax.tree.leaves(state):
-        raise InputError("optimizer", "an init that returns a pytree of arrays", repr(state))
+        raise InputError("optimizer", "an init that returns a pytree of arrays", quote(state))
     return state
 
 

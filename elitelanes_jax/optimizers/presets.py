@@ -143,8 +143,8 @@ def _annealing(config: Config) -> AnnealingConfig | None:
     return annealing if isinstance(annealing, AnnealingConfig) else None
 
 
-def find_preset(config: Config) -> tuple[str, str, bool]:
-    """Returns the method and preset of a configuration, and whether it equals the preset.
+def find_preset(config: Config) -> tuple[str, str]:
+    """Returns the method and preset of a configuration.
 
     If it equals no preset, the preset is the first one of its type. Raises `InputError` for
     anything else.
@@ -153,8 +153,8 @@ def find_preset(config: Config) -> tuple[str, str, bool]:
     names_of_type = [names for names, preset in PRESETS.items() if type(preset) is type(config)]
     for names in names_of_type:
         if PRESETS[names] == config:
-            return *names, True
-    return *names_of_type[0], False
+            return names
+    return names_of_type[0]
 
 
 def config_to_plain(config: Config) -> dict[str, Plain]:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Real
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.checks import check_named, real, unmasked
 from elitelanes_jax._util.errors import InputError, pluralize, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, ArrayOrRows, Numeric
@@ -94,7 +94,7 @@ def insert(
     """
     archive, found = Population(*map(jnp.asarray, archive)), Population(*map(jnp.asarray, found))
     _check_offer(archive, niche, found)
-    niche = jnp.asarray(niche)
+    niche = jnp.asarray(niche, jnp.int32)
     # Grids that are offered to K niches make K rounds, which contend together.
     rounds = niche.reshape(prod(niche.shape[:-1]), niche.shape[-1])
     niche, fitness = rounds.reshape(-1), finite_or_vacant(jnp.tile(found.fitness, len(rounds)))
@@ -140,7 +140,7 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
     if dtype.kind not in "iu":
         raise InputError("niche", "whole numbers", dtype)
     if not isinstance(niche, jax.core.Tracer) and np.size(niche):
-        lowest, highest, niches = np.min(niche), np.max(niche), archive.fitness.size
+        lowest, highest, niches = int(np.min(niche)), int(np.max(niche)), archive.fitness.size
         if not 0 <= lowest <= highest < niches:
             raise InputError("niche", f"indices 0 to {niches - 1}", f"{lowest} to {highest}")
     if found.fitness.dtype != archive.fitness.dtype:
@@ -177,6 +177,7 @@ def qd_score(fitness: ArrayOrRows, valid: ArrayOrRows, worst: Numeric) -> AnyArr
         traced_gains = jnp.maximum(jnp.asarray(worst, jnp.float32) - losses, 0)
         return jnp.where(filled, traced_gains, 0).sum(axis=-1)
     worst = check_named("worst", real(-np.inf), worst)
+    check_named("fitness", unmasked, fitness)
     # An infinite fitness is worse than `worst`, and adds nothing.
     gains = np.maximum(worst - np.asarray(fitness, np.float64), 0)
     if not (np.isfinite(gains) | ~filled).all():
@@ -211,7 +212,7 @@ def coverage(valid: ArrayOrRows, feasible: ArrayOrRows | None = None) -> AnyArra
 
 def _check_niches(name: str, niches: ArrayOrRows) -> AnyArray:
     """Checks an array that is True for some of the niches."""
-    array = niches if is_traced(niches) else np.asarray(niches)
+    array = niches if is_traced(niches) else np.asarray(check_named(name, unmasked, niches))
     # An empty list has the dtype of floats.
     if array.dtype != bool and array.size:
         raise InputError(name, "an array of bool", quote(niches))

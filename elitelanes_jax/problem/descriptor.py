@@ -43,8 +43,9 @@ class Axis(NamedTuple):
     Attributes:
       metric: the name of the feature.
       bins: the number of bins.
-      width: the width of a bin, for a share in thousandths; 0 for one by the grid's shape.
-      start: the value at which the first bin starts.
+      width: the width of a bin, for a share or a ratio in thousandths; 0 for one by the grid's
+        shape.
+      start: the value at which the first bin starts, in the unit of `width`.
       target: the bin whose niches the tuned MAP-Elites seeks; niches in other bins are stepping
         stones. By default all are sought. Other methods and presets do not use it.
     """
@@ -218,7 +219,7 @@ def _parse_axis(text: str) -> Axis:
     parsed = _AXIS_TEXT.fullmatch(text)
     if parsed is None:
         expected = "NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more"
-        raise InputError(f"axes {text!r}", expected)
+        raise InputError(f"axes {quote(text)}", expected)
     name, bins, width = parsed.groups()
     return Axis(name, int(bins), int(width or 0))
 
@@ -231,7 +232,7 @@ def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
         axis = Axis(**value)
     if not isinstance(axis, Axis):
         raise InputError("axes", "axes such as 'straight_share:10'", quote(value))
-    source = f"axes {value!r}" if isinstance(value, str) else f"axes {axis.metric!r}"
+    source = f"axes {quote(value if isinstance(value, str) else axis.metric)}"
     check_feature(source, axis.metric, features)
     # JSON takes no numbers of NumPy.
     axis = Axis._make(map(_to_python, axis))

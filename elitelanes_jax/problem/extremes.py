@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import descriptions
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -49,7 +50,7 @@ def _measured() -> list[tuple[Int8[np.ndarray, "H W"], dict[str, float]]]:
     measured = []
     for line in EXTREMES.read_text(encoding="ascii").splitlines():
         rows = [[int(code, 16) for code in row] for row in line.split()]
-        grid = np.array(rows, np.int8)
+        grid = frozen_copy(np.array(rows, np.int8))
         measured.append((grid, features_of(grid)))
     return measured
 
@@ -73,7 +74,7 @@ def feature_range(name: str) -> tuple[float, float]:
 def extreme_maps(name: str) -> tuple[Int8[np.ndarray, "H W"], Int8[np.ndarray, "H W"]]:
     """Returns a map with the smallest value of a feature, and one with the largest.
 
-    The maps are int8 ``[12, 12]``.
+    The maps are int8 ``[12, 12]``, read-only.
     """
     # This call checks the name.
     feature_range(name)

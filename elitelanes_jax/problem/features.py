@@ -137,7 +137,7 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
         explanation = f"elitelanes metrics explains all: {', '.join(known)}"
         raise InputError(
             source,
-            "a metric, or a share such as straight_share",
+            "a feature such as turns or straight_share",
             quote(name, 40),
             " ".join(filter(None, (suggest(name, known), explanation))),
         )

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Int8
 
-from elitelanes_jax._util.cells import describe_cell
+from elitelanes_jax._util.cells import describe_cell, describe_size
 from elitelanes_jax._util.checks import is_whole, items_of, path
 from elitelanes_jax._util.errors import InputError, brief, reason, shorten
 from elitelanes_jax._util.files import read_json
@@ -93,8 +93,9 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
 def check_fits(cells: FixedCells, shape: tuple[int, int]) -> None:
     """Raises `InputError` for fixed cells of grids of another shape."""
     if cells.shape != shape:
-        expected, got = "{} x {}".format(*shape), "{} x {}".format(*cells.shape)
-        raise InputError("fix", f"cells of a map of {expected}", got)
+        raise InputError(
+            "fix", f"cells of a map of {describe_size(shape)}", describe_size(cells.shape)
+        )
 
 
 def _read_rows(file: str | Path) -> Plain:

@@ -45,8 +45,9 @@ Fitness: TypeAlias = Callable[..., Real[ArrayLike, ""]]
 It takes any of these arguments, by name; one with a default keeps it:
 
 - ``metrics``: the `Metrics` of the grid.
-- ``features``: a dictionary of all features that the search measures, by name: metrics, shares in
-  thousandths, the user's, and the town features that axes, ranges or weights of the search name.
+- ``features``: a dictionary of all features that the search measures, by name: metrics, shares,
+  the user's, and the town features that axes, ranges or weights of the search name. Shares and
+  ratios are in thousandths.
 - ``grid``: int8 ``[H, W]``.
 - ``usual``: int32, the weighted sum of features that is the fitness by default.
 

@@ -73,7 +73,7 @@ def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tup
     elif isinstance(where, Iterable):
         ranges = [_read_range(item, features) for item in where]
     else:
-        raise InputError("where", "ranges such as ['crossings=6..10']", repr(where))
+        raise InputError("where", "ranges such as ['crossings=6..10']", quote(where))
     check_unique("where", "feature", [item.name for item in ranges])
     return tuple(ranges)
 
@@ -94,9 +94,9 @@ def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[
         if low is not None:
             # Thousandths of shares are rounded down, so their limit is too.
             rounded = floor if name in SHARES else ceil
-            lower[column] = rounded(low * unit)
+            lower[column] = min(rounded(low * unit), LARGEST)
         if high is not None:
-            upper[column] = floor(high * unit)
+            upper[column] = min(floor(high * unit), LARGEST)
     return np.stack([lower, upper])
 
 
@@ -180,7 +180,8 @@ def satisfies(
         value = np.asarray(features[part], np.int64)
         whole: int | np.ndarray = feature_unit(name)
         if parts_of_whole:
-            whole = sum(np.asarray(features[other], np.int64) for other in parts_of_whole)
+            # A share of nothing is 0.
+            whole = np.maximum(sum(np.asarray(features[n], np.int64) for n in parts_of_whole), 1)
         if low is not None:
             inside &= value * low.denominator >= whole * low.numerator
         if high is not None:
@@ -191,7 +192,7 @@ def satisfies(
 def _read_range(item: UserValue, features: Collection[str] | None) -> Range:
     if isinstance(item, Range):
         return _range(f"where {str(item)!r}", item.name, (item.low, item.high), features)
-    source = f"where {item!r}"
+    source = f"where {quote(item)}"
     name, _, limits = item.partition("=") if isinstance(item, str) else ("", "", "")
     if not limits.strip():
         raise InputError(source, "NAME=LOW..HIGH, such as crossings=6..10")

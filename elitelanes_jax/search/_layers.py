@@ -125,13 +125,19 @@ def merge_layers(user_options: Mapping[str, OptionValue]) -> Merged:
 
     named = {"style": None if style is None else style.name}
     small = [_without_large(layer) for layer in layers]
-    large = None
+    large: list[Mapping[str, OptionValue]] = []
     # Options for large maps override those of their own layer; later layers override them.
-    last = max((index for index, layer in enumerate(layers) if "large" in layer), default=None)
-    if last is not None and layers[last]["large"] is not None:
-        order = [*small[: last + 1], layers[last]["large"], *small[last + 1 :]]
-        large = Settings(**merge_options(order) | named)
-    return Merged(Settings(**merge_options(small) | named), large, origins)
+    has_large = False
+    for layer, plain in zip(layers, small, strict=True):
+        large.append(plain)
+        if "large" in layer:
+            has_large = layer["large"] is not None
+            large += [layer["large"]] if has_large else []
+    return Merged(
+        Settings(**merge_options(small) | named),
+        Settings(**merge_options(large) | named) if has_large else None,
+        origins,
+    )
 
 
 def merge_options(layers: Sequence[Mapping[str, OptionValue]]) -> dict[str, OptionValue]:

@@ -63,7 +63,7 @@ def set_method(
     if config is None:
         return spec
     _check_plain_numbers("config", config)
-    method, preset, _ = find_preset(config)
+    method, preset = find_preset(config)
     if options.get("method", method) != method:
         raise InputError("config", f"one of {options['method']}", type(config).__name__)
     if "preset" in options:
@@ -76,8 +76,9 @@ def _check_plain_numbers(argument: str, config: Config) -> None:
 
     Results whose configuration has arrays could not be compared or saved.
     """
-    if any(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(config)):
-        raise InputError(argument, "plain numbers", f"an array in {config}")
+    for path, leaf in jax.tree.leaves_with_path(config):
+        if hasattr(leaf, "dtype"):
+            raise InputError(argument, "plain numbers", f"an array, {jax.tree_util.keystr(path)}")
 
 
 def check_extensions(search: Search, extensions: Extensions) -> None:

@@ -77,8 +77,8 @@ def evolve(
         process is killed, the same call resumes and returns the same result, bit for bit except for
         the measured speeds. A larger budget extends the search. Only one process at a time can use
         the folder.
-      every: seconds between two checkpoints, 60 by default; 0 writes one after every compiled
-        call. Writing takes at most a twentieth of the time. It needs `checkpoint`.
+      every: seconds between two checkpoints, 60 by default, or more, so that writing takes at most
+        a twentieth of the time; 0 writes one after every compiled call. It needs `checkpoint`.
       progress: whether to show progress, in a terminal a line that changes, elsewhere a line every
         30 seconds. By default it is shown in a terminal or notebook, if a run takes over a second.
       devices: the devices that share the seeds (processor cores, GPUs or TPU cores; a device may be
@@ -89,7 +89,7 @@ def evolve(
       fitness: your own fitness, where lower is better: a function that returns an integer scalar,
         at most 2**29 in size, or a float scalar. It takes any of these arguments by name:
         ``metrics``, the `Metrics` of a grid; ``features``, all features that the search measures,
-        by name, with shares in thousandths; ``grid``, int8 ``[H, W]``; and ``usual``, int32, the
+        by name, with shares and ratios in thousandths; ``grid``, int8 ``[H, W]``; and ``usual``, int32, the
         weighted sum of features that is the fitness by default.
         ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual fitness. Ranges in
         `where` add their penalty to it. A grid with a feature or a fitness that is out of range, or

@@ -11,7 +11,7 @@ import numpy as np
 
 from elitelanes_jax._util.checks import check_named, flag, instance, none_or
 from elitelanes_jax._util.engine import Pool, call_on_workers, part_of
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import read_json, write_json
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.network.bits import THREEFRY
@@ -111,7 +111,9 @@ def evolve_parts(
         for index in waiting
     ]
     done = sum(len(slices[index]) for index in parts)
-    with Progress(f"evolving in {count} parts", seeds, "seeds", done=done, shown=progress) as bar:
+    with Progress(
+        f"evolving in {pluralize(count, 'part')}", seeds, "seeds", done=done, shown=progress
+    ) as bar:
         for position, part in evolve_each(tasks, pool, extensions):
             index = waiting[position]
             _check_functions(part.result.functions, functions)

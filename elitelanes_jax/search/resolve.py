@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
+from elitelanes_jax._util.cells import describe_size
 from elitelanes_jax._util.errors import InputError, pluralize, quote
 from elitelanes_jax._util.types import OptionValue, Plain
 from elitelanes_jax.network.codes import ROAD_ALPHABET
@@ -323,7 +324,7 @@ def _check_choices(settings: Settings) -> None:
         raise InputError("preset", expected, repr(CUSTOM))
     if settings.preset not in presets:
         expected = f"one of {', '.join(presets)} for {settings.method}"
-        raise InputError("preset", expected, repr(settings.preset))
+        raise InputError("preset", expected, quote(settings.preset))
     if settings.rules is not None and settings.fill:
         expected = f"none with the rules of {settings.rules}, which leave cells empty"
         raise InputError("fill", expected, "True")
@@ -350,7 +351,7 @@ def _check_town_features(search: Search, shape_name: str) -> None:
         longest, features = LONGEST_DETOUR, "the mean detour"
     if max(search.shape) > longest:
         expected = f"sides of at most {longest} for {features}"
-        raise InputError(shape_name, expected, _size_text(search.shape))
+        raise InputError(shape_name, expected, describe_size(search.shape))
 
 
 def _check_initial_maps(search: Search) -> None:
@@ -358,8 +359,8 @@ def _check_initial_maps(search: Search) -> None:
     for grid in search.settings.initial:
         shape = (len(grid), len(grid[0]))
         if shape != search.shape:
-            expected = f"maps of {_size_text(search.shape)}"
-            raise InputError("initial", expected, f"one of {_size_text(shape)}")
+            expected = f"maps of {describe_size(search.shape)}"
+            raise InputError("initial", expected, f"one of {describe_size(shape)}")
 
 
 def _check_fitness(search: Search, shape_name: str) -> None:
@@ -376,14 +377,8 @@ def _check_fitness(search: Search, shape_name: str) -> None:
             raise
         side = largest_side(search.weights, penalty)
         expected = f"grids whose fitness has 32 bits, such as all up to {side} x {side}"
-        size = _size_text(search.shape)
+        size = describe_size(search.shape)
         raise InputError(shape_name, expected, size) from None
-
-
-def _size_text(shape: tuple[int, int]) -> str:
-    """Returns a shape as messages have it, such as 6 x 7."""
-    height, width = shape
-    return f"{height} x {width}"
 
 
 def _check_constraints(search: Search, room_for: Room) -> None:

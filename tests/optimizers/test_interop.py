@@ -69,10 +69,12 @@ def test_qdax_scores_are_ours(problem, grids, evaluate):
     expected = niche_index(compute_descriptor(features, METRIC_NAMES, AXES), AXES)
     assert len(set(np.asarray(expected).tolist())) > 5
     np.testing.assert_array_equal(nearest(qdax_centroids(AXES), descriptor), expected)
-    with refused("genotypes", f"int8 ({COUNT}, 6, 5)"):
+    with refused("genotypes", f"int8 [{COUNT}, 6, 5]"):
         score(grids.transpose(0, 2, 1), jax.random.key(0))
-    with refused("genotypes", "float32 (24, 5, 6)"):
+    with refused("genotypes", "float32 [24, 5, 6]"):
         score(grids.astype(jnp.float32), jax.random.key(0))
+    with refused("genotypes", "int32 [1, 1]"):
+        score([[1]], jax.random.key(0))
 
 
 def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
@@ -90,7 +92,7 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
     for wrong in (grids[:, :4], grids.astype(jnp.int32)):
         with refused("genotypes", expected="[B, 5, 6]"):
             mutate(wrong, key)
-        with refused("genotypes", expected="[B, 5, 6]"):
+        with refused("mates", expected="[B, 5, 6]"):
             vary(grids, wrong, key)
 
 

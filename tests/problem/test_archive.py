@@ -88,6 +88,11 @@ def test_archives_and_niches_of_numpy(any_types):
     for niche in ([1, 3], np.array([1, 3])):
         inserted = insert(jax.tree.map(np.asarray, archive), niche, found)
         jax.tree.map(np.testing.assert_array_equal, inserted, expected)
+    large = jax.tree.map(lambda part: jnp.resize(part, (300, *part.shape[1:])), archive)
+    inserted = insert(large, [1, 3], found)
+    for kind in (np.int8, np.uint8):
+        for niche in (np.array([1, 3], kind), jnp.array([1, 3], kind)):
+            jax.tree.map(np.testing.assert_array_equal, insert(large, niche, found), inserted)
     none = jax.tree.map(lambda array: array[:0], found)
     for niche in (np.zeros(0, int), np.zeros((2, 0), int)):
         jax.tree.map(np.testing.assert_array_equal, insert(archive, niche, none), archive)
@@ -174,6 +179,10 @@ def test_measures_of_archives_by_hand():
     assert qd_score(fitness, filled, 10).tolist() == [5 + 13 + 0, 9 + 8 + 7]
     assert coverage(filled).tolist() == [0.75, 0.75]
     assert coverage(filled, [True, True, False, False]).tolist() == [1, 0.5]
+    with refused("fitness", "a masked array"):
+        qd_score(np.ma.masked_array(fitness, ~filled), filled, 10)
+    with refused("valid", "a masked array"):
+        coverage(np.ma.masked_array(filled, ~filled))
 
 
 @pytest.mark.parametrize("x64", [False, True])

@@ -125,7 +125,7 @@ def test_values_may_be_negative():
         ({"mine": lambda grid: grid[0]}, {}, "features", "int8 of shape (5,)", "mine"),
         ({"mine": lambda grid: None}, {}, "features", "None", "mine"),
         ([middle], {}, "features", "[<function middle ...", "by name"),
-        ({"mine": middle}, {"where": "yours=3"}, "where 'yours=3'", "'yours'", "a metric"),
+        ({"mine": middle}, {"where": "yours=3"}, "where 'yours=3'", "'yours'", "a feature"),
         ({"mine": lambda grid: int(grid[0, 0])}, {}, "features", None, "trace"),
         (None, {"spec": SearchSpec(features=["mine"])}, "features", "none", "the kernel of mine"),
     ],

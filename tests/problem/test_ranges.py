@@ -49,12 +49,12 @@ def test_a_range_is_met_exactly_where_nothing_is_short(grid, name, one, other):
     item = Range(name, Fraction(low, unit), Fraction(high, unit))
     metrics = oracle(grid)
     part, whole = SHARES.get(name, (name, ()))
-    total = sum(metrics[metric] for metric in whole) if whole else 1
+    total = max(sum(metrics[metric] for metric in whole), 1)  # a share of nothing is 0
     inside = low * total <= unit * metrics[part] <= high * total
     assert satisfies(metrics, [item]) == inside
     short = int(penalty(stack_metrics(measure(grid)), [item], grid.shape))
     assert short >= 0
-    assert not (inside and total and short), "what meets it costs nothing"
+    assert not (inside and short), "what meets it costs nothing"
     if name not in SHARES:
         assert (short == 0) == inside
 
@@ -163,6 +163,8 @@ def test_violations_do_not_leave_32_bits():
     features = jnp.full((1, len(METRIC_NAMES)), 2**20 * 1024, jnp.int32)
     nothing = [Range(name, Fraction(0), Fraction(0)) for name in FEATURES]
     assert 0 < int(penalty(features, nothing, (1024, 1024))[0]) <= 2**30
+    # Limits of ratios are in thousandths.
+    assert range_limits(parse_ranges({"mean_block": (None, 2**30)}), ["mean_block"])[1, 0] == 2**30
 
 
 def test_a_range_of_a_share_between_thousandths_costs_nothing_within():

@@ -224,6 +224,9 @@ def test_large_towns_are_those_of_their_style():
         with refused("large: evaluations", "'evaluations'"):
             SearchSpec(large=options)
     assert large.style == "town"
+    own = settings_of(SearchSpec(style="town", large={"where": "turns=4.."}), (12, 12))
+    assert own.axes == large.axes and {str(item) for item in own.where} == {*map(str, large.where), "turns=4.."}
+    assert settings_of(SearchSpec(style="town", large=None), (12, 12)).axes == town.axes
 
 
 def ranges_of_crossings(shape, **options):
