@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from elitelanes_jax._util.checks import one_of, real, whole
+from elitelanes_jax._util.checks import SEED, one_of, real, whole
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, file_ending
@@ -63,7 +63,7 @@ def add_drive(commands: Commands) -> None:
     add_shared(command, "--tile-px", default=128)
     command.add_argument(
         "--seed",
-        type=checked_by(whole(0, 2**31 - 1)),
+        type=checked_by(SEED),
         default=0,
         metavar="N",
         help="seed of the starts, the goals and the wheels; by default 0",
@@ -78,7 +78,7 @@ def _policy(text: str) -> str | Path:
 def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.files import check_new, never_replacing, write_atomic
     from elitelanes_jax.drive.films import film, trails, write_film
-    from elitelanes_jax.drive.rides import load_policy, make_rides
+    from elitelanes_jax.drive.rides import RATE, load_policy, make_rides
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.search.compile_cache import use_compile_cache
@@ -123,9 +123,10 @@ def _drive(options: argparse.Namespace) -> int:
             tiles=tiles,
         )
     except InputError as error:
-        # The messages name the policy, or say what is wrong with the map without its file.
-        if error.subject == "policy":
-            raise error.replace(subject="--policy") from None
+        # The messages name the policy or the tiles, or say what is wrong with the map without its
+        # file.
+        if error.subject in ("policy", "tiles"):
+            raise error.replace(subject=f"--{error.subject}") from None
         raise error.within(options.map) from None
     # Films and trails look alike: the same tiles at the same size.
     look = {"tile_px": options.tile_px, "chosen": chosen}
@@ -135,8 +136,7 @@ def _drive(options: argparse.Namespace) -> int:
         else:
             write_film(options.out, film(road_map, tiles, rides, **look))
     reached, count = int(rides.success.sum()), len(rides.success)
-    # A ride has 30 steps per second.
-    driven = f"{rides.steps.sum() / 30:.1f} s driven"
+    driven = f"{rides.steps.sum() / RATE:.1f} s driven"
     left = int(rides.off_road.sum())
     off_road = f"{pluralize(left, 'ride')} left the road, " if left else ""
     say(f"{reached} of {count} goals reached, {off_road}{driven}, in {options.out}")

@@ -232,7 +232,7 @@ class Batch:
             if seed is None or not chosen[index]:
                 continue
             if not is_whole(seed) or not 0 <= seed < _SEEDS:
-                raise InputError("seed", f"a whole number, 0 to {_SEEDS - 1}", repr(seed))
+                raise InputError("seed", f"a whole number, 0 to {_SEEDS - 1}", quote(seed))
             indices.append(index)
             numbers.append(seed)
         # NumPy's view of an array of JAX is read-only, so this is a copy.
@@ -303,7 +303,7 @@ class Batch:
             return
         of_whom = ""
         if self._begun.any():
-            of_whom = f" of environments {np.flatnonzero(~self._begun).tolist()}"
+            of_whom = f" of environments {quote(np.flatnonzero(~self._begun).tolist())}"
         hint = "also after other levels or slots" if self.environment.shared else ""
         raise InputError(name, f"a reset{of_whom} before the first {name}", "none", hint)
 

@@ -22,10 +22,11 @@ INDEX_BITS = 27
 
 
 class Billboards(NamedTuple):
-    """Pictures of objects, for cameras: P pictures, V views of each of N objects.
+    """Pictures of objects, for cameras: V views of each of N objects.
 
-    Billboards of a `Sight` have an object for each of `OBJECT_KINDS`. All rows of all pictures are
-    one after another, each of S pixels. Shorter rows are filled up with transparent pixels.
+    Billboards of a `Sight` have an object for each of `OBJECT_KINDS`. A view is a picture. The R
+    rows of all pictures are one after another. Each row has S pixels, and shorter rows are filled
+    up with transparent pixels.
 
     Attributes:
       pixels: uint32 ``[R * S]``, red, green and blue from the lowest byte, row by row.

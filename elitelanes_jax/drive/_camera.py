@@ -3,7 +3,7 @@
 A pixel's ray meets the ground at a point on a tile. The nearest pixel of the tile's picture and
 labels is looked up, so that picture and labels agree exactly. Pixels whose ray meets no tile show
 the ground's colour, or above the horizon the sky's. Objects stand in front of all that, see
-`_objects`.
+`_objects_seen`. Tags on the floor are not shown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -65,7 +65,7 @@ class Sight(NamedTuple):
       tiles: int32 ``[16, V]``, the atlas' tiles for each code. A cell shows the one at
         ``(row + 2 * column) % V``. If V is even, a code with two pictures shows the same one all
         along a row.
-      billboards: the pictures of objects; None to see none.
+      billboards: the pictures of objects that stand; None to see none.
     """
 
     camera: Camera
@@ -205,7 +205,8 @@ def look(
       grid: integer codes ``[H, W]``; for traced ones see `measure`.
       sight: the camera and its pictures, from `make_sight`. For a camera that differs in a batch,
         give ``sight._replace(camera=camera)``.
-      objects: the objects of the map, from `make_objects`; shown if the sight has their pictures.
+      objects: the objects of the map, from `make_objects`. Those that stand are shown if the sight
+        has their pictures. Tags on the floor are not shown.
       key: consumed for the camera's noise; by default the noise depends on the pose alone.
       chosen: the picture of each cell, from `choose_tiles`; by default see `Sight.tiles`.
 

@@ -13,8 +13,9 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError, quote
+from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Pytree, Tree, Untyped, UserValue
+from elitelanes_jax._util.types import Numeric, Pytree, Tree, Untyped, UserValue
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.sharding import divide_batches
 
@@ -47,6 +48,17 @@ def checks_first(**checks: Check) -> Callable[[Callable[P, R]], Callable[P, R]]:
         return call
 
     return decorate
+
+
+class EnvironmentParams(Record):
+    """The base of the options of environments, which all have a limit of steps."""
+
+    limit: Numeric
+
+    @property
+    def max_steps_in_episode(self) -> Numeric:
+        """The limit, by the name in Gymnax."""
+        return self.limit
 
 
 class Transition(NamedTuple):
@@ -125,9 +137,10 @@ def read_at(tree: Tree, *index: Array) -> Tree:
 
 def spl(success: Array, shortest: Array, tiles: Array) -> Float[Array, ""]:
     """Returns success times shortest / tiles, see `RoadNavInfo`."""
-    # A robot that turns round on a tile may need fewer tiles than a shortest way. The metric stays
-    # at most 1. XLA would multiply by a reciprocal of `tiles` in a batch of agents that started
-    # together.
+    # The divisor is at least `shortest`, because a robot that turns round on a tile may need fewer
+    # tiles, and the metric is at most 1. There is a second reason. In a batch of agents that started
+    # together `tiles` is one number, and XLA would multiply by its reciprocal, which may have
+    # another last bit.
     most = jnp.maximum(jnp.maximum(tiles, shortest), 1)
     return (success.astype(jnp.int32) * shortest / most).astype(jnp.float32)
 

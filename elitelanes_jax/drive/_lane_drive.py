@@ -33,7 +33,14 @@ from elitelanes_jax.drive.lanes import (
     lane_length,
     lane_point,
 )
-from elitelanes_jax.drive.robot import TILE, drive, still, tiles_driven, to_wheels
+from elitelanes_jax.drive.robot import (
+    TILE,
+    clip_command,
+    drive,
+    still,
+    tiles_driven,
+    to_wheels,
+)
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import randint
 from elitelanes_jax.network.sharding import divide_batches
@@ -297,9 +304,10 @@ def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObserva
 
 
 def _to_command(action: ArrayLike, params: LaneDriveParams) -> Array:
-    shares = jnp.clip(jnp.nan_to_num(jnp.asarray(action, jnp.float32), nan=0.0), -1, 1)
     if params.action == "wheels":
-        return shares
+        # `drive` clips the command.
+        return jnp.asarray(action, jnp.float32)
+    shares = clip_command(action)
     robot = params.robot
     # The speed is a product, and `to_wheels` adds to it.
     speed = rounded(shares[0] * robot.top_speed)
@@ -307,12 +315,12 @@ def _to_command(action: ArrayLike, params: LaneDriveParams) -> Array:
 
 
 LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, action_size=2)
-"""The environment; `LaneDriveParams` has its options.
+"""The environment of a robot with two wheels on lanes.
 
-An action is two numbers, see `LaneDriveParams.action`.
+`LaneDriveParams` has its options. An action is two numbers, see `LaneDriveParams.action`.
 """
 
-# The speed of `pure_pursuit` in metres a second.
+# The speed of `pure_pursuit` in metres a second, unless the robot's top speed is lower.
 _SPEED = 0.3
 # Tiles along the lane, from the point beside the robot to the point that it drives to.
 _LOOKAHEAD = 0.12
@@ -324,9 +332,10 @@ _LOOKAHEAD = 0.12
 @jax.jit
 @divide_batches
 def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array, "2"]:
-    """Returns the expert's action, which follows the lane at 0.3 m/s.
+    """Returns the expert's action, which follows the lane at up to 0.3 m/s.
 
-    The expert drives along the arc to a point of the lane 0.12 tiles ahead.
+    The expert drives along the arc to a point of the lane 0.12 tiles ahead. It is slower where a
+    wheel would exceed its top speed.
 
     Source: Coulter, "Implementation of the pure pursuit path tracking algorithm", Carnegie Mellon
     University, 1992.
@@ -356,7 +365,12 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     # An arc from the origin, in direction of x, to a point has twice its y over its squared
     # distance.
     curvature = 2 * left / jnp.maximum(rounded(ahead * ahead) + rounded(left * left), 1e-6)
+    robot = params.robot
+    is_slow = robot.top_speed < _SPEED
+    speed = jnp.where(is_slow, robot.top_speed, _SPEED)
+    # The speed in tiles a second.
+    pace = jnp.where(is_slow, rounded(robot.top_speed * (1 / TILE)), _SPEED / TILE)
     if params.action == "twist":
-        turn = curvature * rounded(_SPEED / TILE / params.robot.top_turn)
-        return jnp.clip(jnp.stack([_SPEED / params.robot.top_speed, turn]), -1, 1)
-    return to_wheels(_SPEED, _SPEED / TILE * curvature, params.robot)
+        turn = curvature * rounded(pace / robot.top_turn)
+        return jnp.clip(jnp.stack([speed / robot.top_speed, turn]), -1, 1)
+    return to_wheels(speed, pace * curvature, robot)

@@ -9,9 +9,10 @@ from jaxtyping import Array, Bool, Float, Int8, Int32, UInt8
 from elitelanes_jax._util.checks import is_real, one_of, real, whole
 from elitelanes_jax._util.copies import frozen_copy
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import REQUIRED, Record, nested, option, static, traced
+from elitelanes_jax._util.records import REQUIRED, nested, option, static, traced
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.drive._camera import Sight
+from elitelanes_jax.drive._environment import EnvironmentParams
 from elitelanes_jax.drive._levels import Level, check_batch
 from elitelanes_jax.drive._objects import Objects
 from elitelanes_jax.drive.lanes import Pose
@@ -38,7 +39,7 @@ def most_lane_offset(robot: Robot) -> float:
 
 @pytree
 @dataclass(frozen=True)
-class LaneDriveParams(Record):
+class LaneDriveParams(EnvironmentParams):
     """Options of `LaneDrive`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
@@ -53,7 +54,8 @@ class LaneDriveParams(Record):
       offset_cost: the cost per second for each tile from the lane's centre.
       heading_cost: the cost per second for each radian from the lane's direction.
       oncoming_cost: the cost per second in the oncoming lane.
-      leaving_cost: the cost of leaving the road, which terminates the episode.
+      leaving_cost: the cost of leaving the road, or of entering a dead end that is not the goal of
+        a route. Both terminate the episode.
       goal_reward: the reward for reaching the goal of a route.
       collision_cost: the cost of touching an object; per second, if that does not terminate the
         episode. The robot is a disc of its width, and an object the disc around its footprint.
@@ -112,11 +114,6 @@ class LaneDriveParams(Record):
         if self.observe != "camera" and self.sight is not None:
             hint = "sight=None observes without a camera"
             raise InputError("observe", "'camera', to see with a sight", repr(self.observe), hint)
-
-    @property
-    def max_steps_in_episode(self) -> Numeric:
-        """The limit, by the name in Gymnax."""
-        return self.limit
 
 
 class LaneDriveState(NamedTuple):

@@ -68,8 +68,10 @@ def random_level(
       key: consumed.
       grid: integer codes ``[H, W]`` with at least one movement; for traced codes see
         `measure`.
-      least: tiles from the start to the goal; fewer if no node is as far away.
-      most: tiles from the start to the goal; more if no node is within `least` and `most`.
+      least: the fewest tiles from the start to the goal. If all nodes are nearer, the start is one
+        of the furthest nodes.
+      most: the most tiles from the start to the goal. If no node has `least` to `most` tiles, the
+        start is one of the nearest nodes with `least` tiles or more.
 
     Raises:
       InputError: for a bad grid, a grid without a lane, or a distance that is no whole number.
@@ -81,9 +83,9 @@ def random_level(
 
 
 def _check_distance(name: str, tiles: UserValue) -> Int[ArrayLike, ""]:
-    """Returns a distance in tiles, a whole number or an integer array, that fits 32 bits."""
+    """Returns a distance in tiles, a whole number or an integer array ``[]``, that fits 32 bits."""
     distance = clip_to_int32(tiles)
-    if not jnp.issubdtype(jnp.result_type(distance), jnp.integer):
+    if np.ndim(distance) or not jnp.issubdtype(jnp.result_type(distance), jnp.integer):
         raise InputError(name, "a whole number", quote(tiles))
     return distance
 
@@ -143,8 +145,8 @@ def make_levels(
       grids: M maps of one size, as `as_maps` takes them: integer codes ``[M, H, W]``, or
         `RoadMap`s.
       count: N, the number of levels; by default M. Level i is on map i modulo M.
-      least: tiles from the start to the goal, 1 or more.
-      most: tiles from the start to the goal, 1 or more.
+      least: the fewest tiles from the start to the goal, 1 or more; see `random_level`.
+      most: the most tiles from the start to the goal, 1 or more; see `random_level`.
 
     Returns:
       A batch of N levels with the objects of the maps. In each a way leads from the start to the

@@ -88,7 +88,7 @@ def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[A
     touched.
     """
     turn = wrap_angle(end.theta - start.theta)
-    # To the east and to the north in metres, as the numbers below.
+    # `way` and the positions below are metres to the east and to the north of the start.
     way = jnp.stack([end.x - start.x, start.y - end.y]) * TILE
     length = jnp.hypot(*way)
     offset = jnp.stack([(objects.x - start.x) * TILE, (start.y - objects.y) * TILE])

@@ -18,11 +18,12 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import REQUIRED, Record, option, static, traced
+from elitelanes_jax._util.records import REQUIRED, option, static, traced
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import (
     Environment,
+    EnvironmentParams,
     Transition,
     checks_first,
     draw_level,
@@ -45,7 +46,7 @@ def _check_window(value: UserValue) -> int:
 
 @pytree
 @dataclass(frozen=True)
-class RoadNavParams(Record):
+class RoadNavParams(EnvironmentParams):
     """Options of `RoadNav`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
@@ -72,20 +73,15 @@ class RoadNavParams(Record):
     def check_together(self) -> None:
         """Checks that a goal that is marked in the window is seen.
 
-        There must be a window, or the whole map must be observed.
+        There must be a window, or the whole map must be observed, which shows the goal in `there`.
         """
-        if self.goal == "mark" and not self.window and not self.whole_map:
+        if self.goal in ("mark", "both") and not self.window and not self.whole_map:
             raise InputError(
                 "window",
                 "1 or more, because the goal is marked in the window",
                 "0",
-                "goal='none' hides it",
+                "goal='compass' needs no window, and goal='none' hides the goal",
             )
-
-    @property
-    def max_steps_in_episode(self) -> Numeric:
-        """The limit, by the name in Gymnax."""
-        return self.limit
 
 
 class RoadNavState(NamedTuple):
@@ -283,4 +279,7 @@ def _compass(node: LaneNode, goal: LaneNode) -> Array:
 
 
 RoadNav = Environment(_reset, _reset_to_level, _step, _observe, actions=3)
-"""The environment; see `step`, and `RoadNavParams` for its options."""
+"""The environment of an agent that drives from tile to tile.
+
+`RoadNavParams` has its options, and `RoadNav.step` says what an action does.
+"""

@@ -273,4 +273,7 @@ def _observe(state: RoadTrafficState, params: RoadTrafficParams) -> RoadTrafficO
 
 
 RoadTraffic = Environment(_reset, _reset_to_level, _step, _observe, actions=4, shared=True)
-"""Robots that share a town; see `step`, and `RoadTrafficParams` for its options."""
+"""The environment of robots that share a town.
+
+`RoadTrafficParams` has its options, and `RoadTraffic.step` says what an action does.
+"""

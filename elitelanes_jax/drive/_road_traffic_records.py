@@ -9,8 +9,9 @@ from jaxtyping import Array, Bool, Float32, Int32
 
 from elitelanes_jax._util.checks import flag, real, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import REQUIRED, Record, option, static, traced
+from elitelanes_jax._util.records import REQUIRED, option, static, traced
 from elitelanes_jax._util.types import Numeric
+from elitelanes_jax.drive._environment import EnvironmentParams
 from elitelanes_jax.drive._traffic_levels import TrafficLevels, check_traffic_levels
 from elitelanes_jax.drive._traffic_rules import TrafficRule, check_rule
 from elitelanes_jax.network.pytrees import pytree
@@ -21,7 +22,7 @@ WAIT = 3
 
 @pytree
 @dataclass(frozen=True)
-class RoadTrafficParams(Record):
+class RoadTrafficParams(EnvironmentParams):
     """Options of `RoadTraffic`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
@@ -63,11 +64,6 @@ class RoadTrafficParams(Record):
                 f"at most {room}, the slots of levels[{lanes.argmin()}]",
                 str(self.robots),
             )
-
-    @property
-    def max_steps_in_episode(self) -> Numeric:
-        """The limit, by the name in Gymnax."""
-        return self.limit
 
 
 class RoadTrafficState(NamedTuple):

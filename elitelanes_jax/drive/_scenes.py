@@ -70,8 +70,8 @@ class Scenes:
       pyramid: uint32 ``[T, P]``, each picture of a tile in all sizes, from the largest to one
         pixel, row by row: red, green, blue and label from the lowest byte. Ground is black, and
         only what is not ground has the bit 64 of the label's byte.
-      tiles: int32 ``[16, V]``, the pictures that show each code, T indices. Shorter lists are
-        repeated.
+      tiles: int32 ``[16, V]``, the pictures that show each code, indices from 0 to T - 1. Shorter
+        lists are repeated.
       picture_counts: int32 ``[16]``, the number of pictures that show each code.
       billboards: the pictures of objects; None without objects.
       lane_offset: tiles from the road's middle to the centre of a lane, in the tile set; static.

@@ -31,7 +31,7 @@ class TrafficRule(NamedTuple):
     Attributes:
       yields: bool ``[12, 12]``, whether the first way gives way to the second one; False on the
         diagonal.
-      by_arrival: bool, whether it gives way only to robots that came to their line earlier.
+      by_arrival: bool, whether a robot gives way only to robots that came to their line earlier.
       green: bool ``[P, 4]``, whether robots may enter a crossing, by the phase and their heading.
       phase_steps: int32, the steps of each phase, 1 to 1,048,576.
     """
@@ -102,33 +102,38 @@ def check_rule(rule: UserValue) -> TrafficRule:
     if not isinstance(rule, TrafficRule):
         expected = f"a TrafficRule, or one of {', '.join(RULES)}"
         raise InputError("", expected, quote(rule))
-    _check_flags("yields", rule.yields, _shape(rule.yields) == (_WAYS, _WAYS), "12, 12")
-    if not isinstance(rule.yields, jax.core.Tracer) and np.diagonal(rule.yields).any():
+    arrays = [_to_array(part) for part in rule]
+    yields, by_arrival, green, steps = arrays
+    if yields.shape != (_WAYS, _WAYS) or not _is_of(yields, jnp.bool_):
+        raise InputError("yields", "bool [12, 12]", quote(rule.yields))
+    if not isinstance(yields, jax.core.Tracer) and np.diagonal(yields).any():
         raise InputError("yields", "False for a way and itself", "True on the diagonal")
-    _check_flags("by_arrival", rule.by_arrival, _shape(rule.by_arrival) == (), "")
-    phases, *headings = _shape(rule.green) or [0]
-    _check_flags("green", rule.green, phases > 0 and headings == [4], "P, 4")
-    steps = rule.phase_steps
-    is_integer = _shape(steps) == () and jnp.issubdtype(jnp.result_type(steps), jnp.integer)
+    if by_arrival.shape != () or not _is_of(by_arrival, jnp.bool_):
+        raise InputError("by_arrival", "bool []", quote(rule.by_arrival))
+    if green.shape[1:] != (4,) or not green.size or not _is_of(green, jnp.bool_):
+        raise InputError("green", "bool [P, 4]", quote(rule.green))
+    is_integer = steps.shape == () and _is_of(steps, jnp.integer)
     # The number of a tracer is not known.
     is_known = is_integer and not isinstance(steps, jax.core.Tracer)
     if not is_integer or (is_known and not 1 <= np.asarray(steps) <= _MOST_STEPS):
         expected = f"a whole number, 1 to {_MOST_STEPS}"
-        raise InputError("phase_steps", expected, quote(steps))
-    return TrafficRule(*map(frozen_copy, rule))
+        raise InputError("phase_steps", expected, quote(rule.phase_steps))
+    return TrafficRule(*map(frozen_copy, arrays))
 
 
-def _shape(value: Untyped) -> tuple[int, ...] | None:
-    """Returns the shape of an array; None for lists of several lengths."""
+def _to_array(value: Untyped) -> Untyped:
+    """Returns numbers and lists as an array of NumPy, and an array unchanged."""
+    if hasattr(value, "dtype"):
+        return value
     try:
-        return np.shape(value)
+        return np.asarray(value)
     except ValueError:
-        return None
+        # The lists have several lengths. No check accepts this array.
+        return np.asarray(None)
 
 
-def _check_flags(name: str, array: UserValue, has_shape: bool, shape: str) -> None:
-    if not has_shape or not jnp.issubdtype(jnp.result_type(array), jnp.bool_):
-        raise InputError(name, f"bool [{shape}]", quote(array))
+def _is_of(array: Untyped, kind: Untyped) -> bool:
+    return jnp.issubdtype(array.dtype, kind)
 
 
 def way_number(heading: Array, turn: Array) -> Array:

@@ -115,12 +115,15 @@ def gymnasium_vector_env(
             over = self._over
             # Without resets, a step after the end of an episode has no meaning.
             if mode == DISABLED and over.any():
-                ended = np.flatnonzero(over).tolist()
+                ended = quote(np.flatnonzero(over).tolist())
                 raise InputError(
                     "step", f"a reset of environments {ended}, whose episodes have ended", "none"
                 )
             done = self._batch.step(actions)
             self._over, self.next_observations = done.terminated | done.truncated, done.reached
+            if mode != SAME_STEP:
+                # Both are the same observations, and the caller may write to each array.
+                self.next_observations = done.reached.copy()
             if mode == SAME_STEP and self._over.any():
                 infos = _final_infos(done.metrics, self._over, done.reached)
             else:
@@ -176,7 +179,7 @@ def _check_mask(mask: UserValue, envs: int) -> NDArray[np.bool_]:
         or mask.shape != (envs,)
         or not mask.any()
     ):
-        raise InputError("reset_mask", f"bool [{envs}] with a True", repr(mask))
+        raise InputError("reset_mask", f"bool [{envs}] with a True", quote(mask))
     return mask
 
 
@@ -208,7 +211,7 @@ def _final_infos(
     # Gymnasium has an array of objects here, with None where no episode is over.
     last = np.full(len(over), None, object)
     for index in np.flatnonzero(over):
-        last[index] = reached[index]
+        last[index] = reached[index].copy()
     final = {
         "final_obs": last,
         "_final_obs": over,
@@ -304,7 +307,8 @@ def sb3_vec_env(
             self.check_settable(attr_name)
             chosen = set(self._get_indices(indices))
             if chosen != set(range(batch.envs)):
-                raise InputError("indices", "all environments, which share params", sorted(chosen))
+                got = quote(sorted(chosen))
+                raise InputError("indices", "all environments, which share params", got)
             self.params = value
 
         def env_method(
@@ -316,7 +320,7 @@ def sb3_vec_env(
         ) -> list[UserValue]:
             if method_name != "render":
                 raise InputError(
-                    "method_name", "render, the only method of one environment", method_name
+                    "method_name", "render, the only method of one environment", quote(method_name)
                 )
             images = self.get_images()
             # Robots that share a state share its picture.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import OptionValue, Pytree, Untyped, UserValue
@@ -113,17 +113,21 @@ def make(
         _check_settings(RoadTrafficParams, settings)
         for argument, value in (("count", count), ("seed", seed)):
             if value is not None:
-                raise InputError(argument, "None, because each map is a level", repr(value))
+                raise InputError(argument, "None, because each map is a level", quote(value))
         return RoadTraffic, RoadTrafficParams(make_traffic_levels(maps), **settings)
     environment, params = _ONE_ROBOT[name]
-    _check_settings(params, settings)
+    _check_settings(params, settings, "count", "seed")
     key = seed_key(check_named("seed", SEED, 0 if seed is None else seed))
     levels = draw_levels(key, check_maps("maps", maps), 256 if count is None else count)
     return environment, params(levels, **settings)
 
 
-def _check_settings(params: type[Record], settings: Mapping[str, UserValue]) -> None:
-    check_names(settings, [option for option in params.options() if option != "levels"])
+def _check_settings(
+    params: type[Record], settings: Mapping[str, UserValue], *arguments: str
+) -> None:
+    """Checks that settings are fields of the parameters; a message also lists the arguments."""
+    fields = [option for option in params.options() if option != "levels"]
+    check_names(settings, [*arguments, *fields])
 
 
 def _makers(params: Params, spaces: Untyped) -> Untyped:
@@ -173,7 +177,7 @@ class GymnaxEnv:
         """
         _check_alone(environment)
         if not is_whole(values) or values not in (5, 6):
-            raise InputError("values", "5 or 6", repr(values))
+            raise InputError("values", "5 or 6", quote(values))
         self._environment = flattened(environment)
         self._resetting = auto_reset(self._environment)
         self._spaces = _makers(params, spaces)
@@ -190,13 +194,13 @@ class GymnaxEnv:
         if name in options:
             raise InputError(name, "it in the argument params of reset and step", "an attribute")
         if name == "num_actions" and name in vars(self):
-            raise InputError(name, f"{self.num_actions}, as the environment has", repr(value))
+            raise InputError(name, f"{self.num_actions}, as the environment has", quote(value))
         super().__setattr__(name, value)
 
     @runs_jax
     def reset(self, key: Key[Array, ""], params: Params | None = None) -> tuple[Array, Pytree]:
         """Starts an episode on a level drawn from the parameters: (observation, state)."""
-        return self._environment.reset(key, self.default_params if params is None else params)
+        return self._environment.reset(key, self._or_default(params))
 
     def step(
         self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Params | None = None
@@ -220,9 +224,10 @@ class GymnaxEnv:
 
     def observation_space(self, params: Params | None = None) -> Untyped:
         """Returns the space of observations."""
-        return observation_space(
-            self._environment, self.default_params if params is None else params, self._spaces
-        )
+        return observation_space(self._environment, self._or_default(params), self._spaces)
+
+    def _or_default(self, params: Params | None) -> Params:
+        return self.default_params if params is None else params
 
     @runs_jax
     def _step(
@@ -233,8 +238,7 @@ class GymnaxEnv:
         action: Pytree,
         params: Params | None,
     ) -> tuple[Pytree, ...]:
-        params = self.default_params if params is None else params
-        done = environment.step(key, state, action, params)
+        done = environment.step(key, state, action, self._or_default(params))
         info = done.info | {
             "terminated": done.terminated,
             "truncated": done.truncated,

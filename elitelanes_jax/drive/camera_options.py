@@ -55,7 +55,8 @@ class Camera(Record):
       sky: red, green and blue above the horizon.
       rows: the height of the picture in pixels; static.
       columns: the width of the picture in pixels; static.
-      objects: the most objects that are shown, the nearest ones; None for all; static.
+      objects: the most standing objects that are shown, the nearest ones, and in `views` also the
+        most objects on the floor; None for all; static.
     """
 
     height: Numeric = traced(0.108, real(0, 10, exclusive=True))

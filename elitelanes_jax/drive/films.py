@@ -107,7 +107,7 @@ def trails(
 
 def _map_of(rides: Rides, source: UserValue) -> RoadMap:
     """Returns the map of rides; raises `InputError` if the rides are on another one."""
-    road_map = as_map(source)
+    road_map = check_named("source", as_map, source)
     # Levels have links alone, so the map is compared without other connections.
     driven_codes = np.asarray(rides.levels.grid)
     map_codes = linked_codes(road_map.codes)
@@ -130,7 +130,8 @@ def film(
     """Draws a ride frame by frame, 30 per second.
 
     A frame has the camera's picture, and next to it the map with the robot. Of a `RoadMap` both
-    show its objects: the camera the nearest ones, and one picture for each kind.
+    show its objects: the map shows all, and the camera the nearest ones that stand, with one
+    picture for each kind.
 
     Yields:
       RGB uint8 ``[480, width, 3]``, all of one width.
@@ -240,8 +241,8 @@ def _see(
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     """Writes frames as an MP4 film, or as a GIF if the name says so, whole or not at all.
 
-    Returns the number of frames. A GIF has every third frame, half as large. An `OSError` names the
-    file.
+    Returns the number of frames. A GIF has every third frame, half as large. It is made in memory,
+    with up to 1.5 MB for each of its frames. An `OSError` names the file.
     """
     with new_file(file) as unfinished_file:
         if file.suffix.lower() == ".gif":

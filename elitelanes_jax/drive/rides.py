@@ -17,8 +17,8 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import SEED, check_named, instance, real, whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import SEED, check_named, real, whole
+from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera
@@ -125,16 +125,17 @@ def make_rides(
         package's own.
 
     Raises:
-      InputError: for a bad map, one without a lane, tiles whose lanes are too near the edge of the
-        road, another policy, or one that fails or does not return two numbers.
+      InputError: for a bad map, one without a lane, a `count`, `seconds` or `seed` out of its
+        range, or another action. Also for tiles whose lanes are too near the edge of the road,
+        another policy, or one that fails or does not return two numbers.
     """
     check_seconds = real(0, _LONGEST, unit="seconds, a number", exclusive=True)
     seconds = check_named("seconds", check_seconds, seconds)
     if not callable(policy) and policy not in POLICIES:
-        raise InputError("policy", f"one of {', '.join(POLICIES)}", repr(policy))
+        raise InputError("policy", f"one of {', '.join(POLICIES)}", quote(policy))
     check_named("seed", SEED, seed)
     level_key, ride_key = split(seed_key(seed))
-    codes = as_map(source).codes
+    codes = check_named("source", as_map, source).codes
     check_lane(codes)
     count = check_named("count", whole(1), count)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
@@ -153,7 +154,8 @@ def make_rides(
     # Without a camera the driver observes its lane, and no picture is rendered.
     camera = getattr(policy, "camera", None)
     if camera is not None:
-        check_named("policy", instance(Camera), camera)
+        if not isinstance(camera, Camera):
+            raise InputError("policy", "a Camera in its attribute camera", quote(camera))
         sight = make_sight(tiles, camera, tile_px=_SIGHT_PX)
         params = params.replace(observe="camera", sight=sight)
     steps = max(round(seconds * RATE), 1)

@@ -95,6 +95,11 @@ def tiles_driven(speed: Float[Array, ""], robot: Robot) -> Float[Array, ""]:
     return rounded(speed * rounded(robot.dt * (1 / TILE)))
 
 
+def clip_command(command: Float[ArrayLike, "2"]) -> Float[Array, "2"]:
+    """Returns a command as float32, clipped to -1 to 1, with 0 instead of NaN."""
+    return jnp.clip(jnp.nan_to_num(jnp.asarray(command, jnp.float32), nan=0.0), -1, 1)
+
+
 def drive(
     key: Key[Array, ""], pose: Pose, wheels: Wheels, command: Float[ArrayLike, "2"], robot: Robot
 ) -> tuple[Pose, Wheels]:
@@ -102,16 +107,19 @@ def drive(
 
     A command is clipped to -1 to 1, and NaN is 0. The key is consumed for noise.
 
-    Raises `InputError` if the wheels keep commands for a latency that the robot does not have.
+    Raises `InputError` if only the robot has a latency, or only the state of its wheels.
     """
-    shares = jnp.clip(jnp.nan_to_num(jnp.asarray(command, jnp.float32), nan=0.0), -1, 1)
+    shares = clip_command(command)
     commands = wheels.commands
+    if commands is None and robot.latency is not None:
+        hint = "reset with this robot"
+        raise InputError("robot", "no latency, as the state of the wheels", "a latency", hint)
     if commands is not None:
+        if robot.latency is None:
+            raise InputError("robot", "a latency, as the state of the wheels has", "none")
         commands = jnp.concatenate([shares[None], commands[:-1]])
         age = jnp.arange(_DELAYS, dtype=jnp.float32)
         # A latency between two steps mixes the commands of both, in proportion.
-        if robot.latency is None:
-            raise InputError("robot", "a latency, as the state of the wheels has", "none")
         weights = jnp.maximum(1 - jnp.abs(age - robot.latency), 0)
         shares = rounded(weights[:, None] * commands).sum(axis=0)
     if robot.noise is not None:

@@ -44,14 +44,15 @@ def make_sight(
     tile_px: int = 64,
     objects: ObjectSet | None = None,
 ) -> Sight:
-    """Makes what a camera sees: the pictures of a tile set, and of objects.
+    """Makes what a camera sees: the pictures of a tile set, and of objects that stand.
 
     Args:
       tiles: the tile set; by default the package's own.
       camera: the options of the camera; by default `Camera()`.
       tile_px: side of the pictures of tiles in pixels, 16 to 512.
       objects: the pictures of objects, scaled to 64 x 64 pixels: of each kind the first object's;
-        all signs of a kind show the tag of their view. By default no objects are seen.
+        all signs of a kind show the tag of their view. Tags on the floor are not seen. By default
+        no objects are seen.
 
     Raises:
       InputError: for an argument of another type, or a bad size.

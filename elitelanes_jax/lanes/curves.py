@@ -68,6 +68,8 @@ def lane_radii(
 
     The radius of straight is 0.5, which has no meaning.
     """
+    # The road's middle is half a tile from the corner of a turn. The lane is nearer to this corner
+    # in a right turn, and farther from it in a left turn.
     return 0.5 + offset * lane_bends(dtype)
 
 
@@ -135,8 +137,6 @@ def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
     a line back. Its offset is not 0.
     """
     heading = movement.heading
-    # -1 to the right, 0 straight on, 1 to the left.
-    bend = movement.turn - 1
     # A movement enters by the side behind its heading, on the right of the road's middle.
     entry = middle_of_side(movement.node.tile, (heading + 2) % 4)
     start = moved(entry, (heading + 1) % 4, offset)
@@ -147,13 +147,10 @@ def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
         # The half circle bends to the left, because traffic keeps right.
         around = Curve(*middle, heading, offset * pi, 1 / offset)
         return [Curve(*start, heading, 0.5), around, Curve(*end, (heading + 2) % 4, 0.5)]
-    # Straight on, the lane is a line across the whole tile.
-    if bend == 0:
-        return [Curve(*start, heading, 1.0)]
-    # The road's middle is half a tile from the corner of a turn. The lane is nearer to this corner
-    # in a right turn, and farther from it in a left turn.
-    radius = 0.5 + offset * bend
-    return [Curve(*start, heading, radius * pi / 2, bend / radius)]
+    # Straight on has no bend, and so the curvature 0.
+    length = lane_lengths(offset)[movement.turn]
+    curvature = lane_bends()[movement.turn] / lane_radii(offset)[movement.turn]
+    return [Curve(*start, heading, float(length), float(curvature))]
 
 
 def lane_polyline(movement: Movement, offset: float = LANE_OFFSET) -> Float[np.ndarray, "P 2"]:
@@ -185,9 +182,10 @@ def _polyline_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarra
 def on_road(code: ArrayT, east: ArrayT, south: ArrayT) -> ArrayT:
     """Returns whether points are on the road of their tile.
 
-    The road is between the inner edges of the white tape. The road keeps away from closed sides and
-    from the corners between open ones. On a turn it is a ring about the corner between its sides. A
-    stub's road ends as far from the closed sides.
+    The road is between the inner edges of the white tape. The road keeps the same distance, 0.5 -
+    `HALF_ROAD` tiles, from closed sides and from the corners between open sides. On a turn the road
+    is a ring about the corner between the two open sides. A stub has one open side, so its road
+    ends at this distance from the opposite side.
 
     Args:
       code: codes of tiles.

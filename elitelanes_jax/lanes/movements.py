@@ -101,7 +101,7 @@ class LaneNode(NamedTuple):
     heading: Whole
 
     def equals(self, other: "LaneNode") -> Whole:
-        """Returns whether it is another node, for arrays element by element."""
+        """Returns whether both are the same node, for arrays element by element."""
         is_tile = (self.row == other.row) & (self.column == other.column)
         return is_tile & (self.heading == other.heading)
 

@@ -107,6 +107,9 @@ def test_a_late_command_takes_effect_later_and_noise_is_drawn():
     # The mean of two independent wheels.
     assert np.mean(wheels.speed) == pytest.approx(0.6, abs=0.01)
     assert np.std(wheels.speed) == pytest.approx(0.12 / np.sqrt(2), rel=0.05)
+    # The state of the wheels keeps commands if and only if the robot has a latency.
+    with refused("robot", "a latency", expected="no latency"):
+        drive(jax.random.key(0), pose, still(Robot()), jnp.ones(2), robot)
     curved = to_wheels(1.2, 8.0, Robot())
     assert curved.max() == 1 and (curved[1] - curved[0]) / curved.sum() == pytest.approx(0.408 / 1.2)
 
@@ -183,6 +186,21 @@ def test_the_expert_acts_the_same_compiled_or_not_and_in_a_batch(params, action)
     batch = jax.jit(jax.vmap(pure_pursuit, (0, None)))(states, params)
     for act in (pure_pursuit, jax.jit(pure_pursuit)):
         np.testing.assert_array_equal(np.stack([act(pick(states, index), params) for index in range(100)]), batch)
+
+
+def test_the_expert_drives_a_slow_robot_the_same_by_either_action(params):
+    """Its top speed is less than the expert's speed."""
+    slow = params.replace(robot=Robot(top_speed=0.1))
+    _, states = jax.vmap(LaneDrive.reset, (0, None))(jax.random.split(jax.random.key(4), 20), slow)
+    wheels, twist = (
+        jax.vmap(LaneDrive.step, (0, 0, 0, None))(
+            jax.random.split(jax.random.key(5), 20), states, jax.vmap(pure_pursuit, (0, None))(states, asked), asked
+        ).state
+        for asked in (slow, slow.replace(action="twist"))
+    )
+    np.testing.assert_allclose(wheels.wheels.turn, twist.wheels.turn, atol=1e-5)
+    np.testing.assert_allclose(wheels.wheels.speed, twist.wheels.speed, atol=1e-6)
+    assert np.abs(wheels.wheels.turn).max() > 0.1
 
 
 @pytest.mark.usefixtures("standard")

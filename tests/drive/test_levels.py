@@ -62,6 +62,8 @@ def test_what_is_wrong_is_named(maps, any_types):
         ("grid", "none", "a lane", lambda: random_level(key, [[2], [8]])),
         ("least", "nan", "whole number", lambda: random_level(key, maps[0], least=float("nan"))),
         ("most", "2.5", "whole number", lambda: random_level(key, maps[0], most=2.5)),
+        ("least", "array([1, 2, 3, 4])", "whole", lambda: random_level(key, maps[0], least=np.arange(1, 5))),
+        ("most", "[2, 3]", "whole number", lambda: random_level(key, maps[0], most=[2, 3])),
     ):
         with refused(subject, got, expected):
             fault()
@@ -87,5 +89,8 @@ def test_make_names_its_own_argument(maps):
 
 
 def test_make_takes_maps_in_place_of_levels(maps):
+    for name in ("RoadNav", "LaneDrive"):
+        with refused("cuont", "'cuont'", expected="count, seed", hint="count"):
+            make(name, maps, cuont=3)
     with refused("levels", "'levels'", expected="limit"):
         make("RoadNav", maps, levels=make_levels(jax.random.key(0), maps))

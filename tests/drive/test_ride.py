@@ -90,6 +90,9 @@ def test_a_film_is_checked_at_the_call(drawn_tiles):
     rides = make_rides(GRID, 1, seconds=2 / 30, tiles=replace(drawn_tiles, lane_offset=0.02))
     for call, subject, got, expected in (
         (lambda: film(GRID.T, drawn_tiles, rides), "rides", "rides on another one", ""),
+        (lambda: film(3, drawn_tiles, rides), "source...", "3", "a map"),
+        (lambda: trails(3, drawn_tiles, rides), "source...", "3", "a map"),
+        (lambda: make_rides(3), "source...", "3", "a map"),
         (lambda: film(GRID, drawn_tiles, "rides"), "rides", "'rides'", ""),
         (lambda: film(GRID, drawn_tiles, rides, 1), "index", "1", ""),
         (lambda: film(GRID, 5, rides), "tiles", "5", "TileSet"),
@@ -98,6 +101,9 @@ def test_a_film_is_checked_at_the_call(drawn_tiles):
     ):
         with refused(subject, got, expected):
             call()
+    with refused("policy", expected="route") as caught:
+        make_rides(GRID, policy="x" * 999)
+    assert len(caught.value.got) == 80
 
 
 @pytest.mark.slow
@@ -268,7 +274,7 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
             "turn, got a coroutine; define the function without async\n",
         ),
         ("def act(seen): return 0.5, float('nan')", "policy: expected two finite numbers, got 0.5 and nan"),
-        ("def act(seen): return 0, 0\nact.camera = 3", "--policy: expected Camera, got 3"),
+        ("def act(seen): return 0, 0\nact.camera = 3", "--policy: expected a Camera in its attribute camera, got 3"),
     ):
         (tmp_path / "policy.py").write_text(text)
         command = ["drive", str(tmp_path / "city.json"), "--policy", str(tmp_path / "policy.py"), "--seconds", "0.1"]

@@ -92,9 +92,10 @@ def test_what_is_not_asked_for_is_not_observed(params):
     assert shapes(window=0, goal="mark", whole_map=True) == everything | {"there": (3,)}
 
 
-def test_a_goal_that_would_be_marked_in_no_window_is_refused(params):
+@pytest.mark.parametrize("goal", ["mark", "both"])
+def test_a_goal_that_would_be_marked_in_no_window_is_refused(params, goal):
     with refused("window", "0", expected="more"):
-        RoadNavParams(params.levels, window=0, goal="mark")
+        RoadNavParams(params.levels, window=0, goal=goal)
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,11 @@ from traffic_oracle import Traffic, town_graph, yields
 from elitelanes_jax.drive import (
     RoadTraffic,
     RoadTrafficParams,
+    TrafficRule,
     make_traffic_levels,
     traffic_rule,
 )
+from elitelanes_jax.drive._traffic_rules import check_rule
 from elitelanes_jax.network import gridlock_number
 
 TOWNS = Path(__file__).parents[2] / "experiments" / "gridlock" / "results" / "shared_towns.json"
@@ -310,9 +312,15 @@ def test_levels_that_robots_cannot_share_are_refused():
         (rule._replace(yields=3), "rule: yields", "3"),
         (rule._replace(yields=np.eye(12, dtype=bool)), "rule: yields", "True on the diagonal"),
         (rule._replace(yields=[[True], [True, True]]), "rule: yields", "[[True], [True, True]]"),
+        (rule._replace(by_arrival="yes"), "rule: by_arrival", "'yes'"),
+        (rule._replace(by_arrival="bool"), "rule: by_arrival", "'bool'"),
+        (rule._replace(green=[[1, 0, 1, 0]]), "rule: green", "[[1, 0, 1, 0]]"),
+        (rule._replace(phase_steps="4"), "rule: phase_steps", "'4'"),
     ):
         with refused(subject, got):
             RoadTrafficParams(make_traffic_levels([RING]), rule=wrong)
+    lists = TrafficRule(rule.yields.tolist(), True, rule.green.tolist(), 4)
+    jax.tree.map(np.testing.assert_array_equal, check_rule(lists), rule)
 
 
 @pytest.mark.usefixtures("any_types")

@@ -88,7 +88,7 @@ def test_gymnasium_has_the_results_of_its_own_vector_of_single_environments(made
     for _ in range(60):
         actions = ours.action_space.sample()
         (seen, reward, *flags, infos), (expected, earned, *ended, told) = ours.step(actions), theirs.step(actions)
-        assert seen in ours.observation_space
+        assert seen in ours.observation_space and not np.shares_memory(seen, ours.next_observations)
         equal(seen, expected)
         np.testing.assert_array_equal(reward, earned)
         np.testing.assert_array_equal(flags, ended)
@@ -98,6 +98,7 @@ def test_gymnasium_has_the_results_of_its_own_vector_of_single_environments(made
         if "final_obs" in infos:
             for index in np.flatnonzero(over):
                 np.testing.assert_array_equal(ours.next_observations[index], infos["final_obs"][index])
+                assert not np.shares_memory(ours.next_observations, infos["final_obs"][index])
         if mode == gymnasium.vector.AutoresetMode.DISABLED and over.any():
             with refused("step", "none", expected="episodes"):
                 ours.step(actions)
