@@ -33,7 +33,7 @@ from elitelanes_jax.dataset import merge_dataset
 from elitelanes_jax.search import parts as search_parts
 from elitelanes_jax.search.keys import check_keys
 from elitelanes_jax.search.resolve import resolve
-from elitelanes_jax.tiles import load_tiles, packed
+from elitelanes_jax.tiles import load_objects, load_tiles, packed
 from elitelanes_jax.tiles.object_set import default_objects
 from elitelanes_jax.tiles.tileset import default_tiles
 
@@ -203,6 +203,13 @@ def test_a_worker_with_other_pictures_in_its_package_is_named(tmp_path, monkeypa
 
     with refused("worker ...", "...'changed'...", expected="tiles"):
         make_dataset(small(), tmp_path / "out", executor=Changed(), parts=1)
+
+
+def test_a_set_that_is_nearly_the_packages_own_is_sent_whole():
+    """The spread of its lanes was lost."""
+    tiles, objects = replace(load_tiles(), lane_offset_spread=0.004), replace(load_objects(), name="mine")
+    sent = pickle.loads(pickle.dumps(packed.Pictures(tiles, objects)))
+    assert (sent.tiles.lane_offset_spread, sent.objects.name) == (0.004, "mine")
 
 
 @pytest.mark.slow

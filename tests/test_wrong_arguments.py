@@ -207,6 +207,12 @@ WRONG = {
     "shape: expected 1 to 40 rows and columns, got 0 and 1": lambda: propose_tiles(FRAME, shape=(0, 1)),
     "shape: expected 1 to 40 rows and columns, got 1000 and 1000": lambda: propose_tiles(FRAME, shape=(1000, 1000)),
     "shape: expected 1 to 40 rows and columns, got 'ab'": lambda: propose_tiles(FRAME, shape="ab"),
+    "shape: expected 2 x 2 like codes, got 7 x 2": lambda: propose_tiles(FRAME, shape=(7, 2), codes=GRID),
+    "shape: expected 3 x 4 or 2 x 2 like codes, got 4 x 3": lambda: propose_tiles(
+        FRAME, shape=(4, 3), codes=np.pad(GRID, ((0, 1), (1, 1)))
+    ),
+    "fit: expected True, or corners to take as they are, got False": lambda: propose_tiles(FRAME, fit=False),
+    "lens: expected a name, got ''": lambda: Photograph.read("a.png", lens=""),
     "codes: expected 1 to 40 rows and columns, got 41 and 2": lambda: propose_tiles(FRAME, codes=np.ones((41, 2), int)),
     "codes: grid: expected tile codes 0 to 15, got 99": lambda: propose_tiles(FRAME, codes=[[99]]),
     "marked: expected a mask of the grid's shape (2, 2), got [[1], [1, 2]]": lambda: plots.road_map(
@@ -277,7 +283,7 @@ WRONG = {
     "grids: expected int8 [P, 4, 4], got int64 [3, 4, 4]": lambda: evaluate(
         road_problem((4, 4)), np.zeros((3, 4, 4), np.int64)
     ),
-    "tile_px: expected a whole number, 16 to 512 pixels a tile, got 16.0": lambda: render(GRID, tile_px=16.0),
+    "tile_px: expected a whole number, 16 to 512, got 16.0": lambda: render(GRID, tile_px=16.0),
     "grids: expected int8 [P, 4, 4], got int32 [2, 2]": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
     "name: expected one of link, corner, outline, street, straight, clear, mirror, slide, transplant, displaced, "
     "refit, got 'streets'": lambda: make_move("streets"),
@@ -313,7 +319,7 @@ WRONG = {
     "params: expected numbers for all environments, got arrays, which only jax.vmap maps over": lambda: Batch(
         RoadNav, RoadNavParams(levels(), limit=np.array([3, 4])), 2, "Disabled"
     ),
-    "tile_px: expected a whole number, 16 to 512 pixels a tile, got 8": lambda: make_sight(tile_px=8),
+    "tile_px: expected a whole number, 16 to 512, got 8": lambda: make_sight(tile_px=8),
     "tiles: expected TileSet, got 'tiles'": lambda: make_sight("tiles"),
     "objects: expected ObjectSet, got {}": lambda: make_sight(objects={}),
     "objects: expected ObjectSet, got 'none'": lambda: make_scenes(GRID, objects="none", tile_px=16),

@@ -3,13 +3,14 @@
 import argparse
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, floor_shape, folder, path, real
 from elitelanes_jax._util.errors import InputError, list_some, pluralize
-from elitelanes_jax._util.files import check_new, never_replacing
+from elitelanes_jax._util.files import check_new, never_replacing, new_file
 from elitelanes_jax._util.folders import check_renamable
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
@@ -186,14 +187,13 @@ def _cut(options: argparse.Namespace) -> int:
 
 
 def _check_replaceable(out: Path, *, overwrite: bool) -> None:
-    """Checks that a folder has no files, or can be renamed to make room for another one."""
-    if not (out.is_dir() and any(out.iterdir())):
-        return
-    if not overwrite:
-        raise InputError(
-            out, "a folder that is new or empty", "one with files", "--overwrite replaces it"
-        )
+    """Checks that a folder can be written: it is new or empty, or is replaced."""
     check_renamable(out)
+    expected = "a folder that is new or empty"
+    if out.exists() and not out.is_dir():
+        raise InputError(out, expected, "a file")
+    if out.is_dir() and any(out.iterdir()) and not overwrite:
+        raise InputError(out, expected, "one with files", "--overwrite replaces it")
 
 
 def _nothing_cut_error(cut: "CutFloors", first_file: Path) -> InputError:
@@ -220,10 +220,12 @@ def _describe_set(cut: "CutFloors", out: Path) -> list[str]:
         lines.append(f"nearly copies of other tiles: {list_some(copies, _MOST_NAMED)}")
     for proposal in cut.used:
         # A tile of an unsure kind was not cut, and the user can add it by hand.
-        lines += [
-            f"{proposal.photo}: left out the tile at {describe_cell(*cell)}, its kind is unsure"
-            for cell in proposal.unsure_cells
-        ]
+        for row, column in proposal.unsure_cells:
+            cell = describe_cell(row, column)
+            if proposal.codes[row][column]:
+                lines.append(f"{proposal.photo}: left out the tile at {cell}, its kind is unsure")
+            else:
+                lines.append(f"{proposal.photo}: left out {cell}, unsure whether a tile is there")
     return lines
 
 
@@ -277,17 +279,25 @@ def _read(options: argparse.Namespace) -> int:
         count = pluralize(len(laid.differences), "tile")
         lines += map(str, laid.differences)
         lines.append(f"{count} of {laid.codes.size} {verb} from {plan.file}")
-    if options.out is not None:
-        with never_replacing(options.out):
-            RoadMap(laid.codes, unsure=laid.unsure or None).save(options.out)
-    if options.picture is not None:
-        from elitelanes_jax.photographs.sheet import draw_laid
-        from elitelanes_jax.tiles.rendering import write_png
+    # The stack renames the files when both are written. If one cannot be written, neither appears.
+    with ExitStack() as stack:
+        if options.out is not None:
+            part = _new_file(stack, options.out)
+            RoadMap(laid.codes, unsure=laid.unsure or None).save(part)
+        if options.picture is not None:
+            from elitelanes_jax.photographs.sheet import draw_laid
+            from elitelanes_jax.tiles.rendering import write_png
 
-        with never_replacing(options.picture):
-            write_png(options.picture, draw_laid(photograph, proposal, laid))
+            part = _new_file(stack, options.picture)
+            write_png(part, draw_laid(photograph, proposal, laid))
     say("\n".join(lines), asked=True)
     return 0
+
+
+def _new_file(stack: ExitStack, file: Path) -> Path:
+    """Returns a path to write to, which the stack renames to a file that must not exist."""
+    stack.enter_context(never_replacing(file))
+    return stack.enter_context(new_file(file))
 
 
 _T = TypeVar("_T")

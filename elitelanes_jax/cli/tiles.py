@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-_MASKED = ("road", "red", "yellow")
-
 
 def add_tiles(commands: Commands) -> None:
     tiles = commands.add_parser(
@@ -44,7 +42,8 @@ def add_tiles(commands: Commands) -> None:
         "saturations and values 0 to 255.",
     )
     masks.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
-    for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
+    colours = (("road", "asphalt"), ("red", "stop lines"), ("yellow", "lane separators"))
+    for mask, what in colours:
         masks.add_argument(f"--{mask}", metavar="RANGE", help=f"colours of {what}")
     masks.add_argument(
         "--overwrite",
@@ -69,8 +68,9 @@ def _check(options: argparse.Namespace) -> int:
 
 def _masks(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.masking import COLOURS, mask_folder, parse_colour, proposal_sheet
+    from elitelanes_jax.tiles.tileset import MASKS
 
-    named = [mask for mask in _MASKED if getattr(options, mask) is not None]
+    named = [mask for mask in MASKS if getattr(options, mask) is not None]
     colours = dict(COLOURS)
     for mask in named:
         # An error about a range names its option.
@@ -78,13 +78,13 @@ def _masks(options: argparse.Namespace) -> int:
             colours[mask] = parse_colour(getattr(options, mask))
     sheet = options.folder / "masks.png"
     # With --overwrite, only masks whose colours are named are replaced. Without colours, all are.
-    replaced = (named or _MASKED) if options.overwrite else ()
+    replaced = (named or MASKS) if options.overwrite else ()
     proposals = mask_folder(options.folder, colours, replaced)
-    title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
+    title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in MASKS)
     masks = {
-        proposal.folder / f"{mask}.png": proposal.masks[mask].astype("uint8") * 255
+        file: picture
         for proposal in proposals
-        for mask in proposal.proposed
+        for file, picture in proposal.mask_files(proposal.proposed).items()
     }
     # All copies exist before the first file is replaced.
     kept_as = [_keep(file) for file in masks if file.exists()]
@@ -92,7 +92,7 @@ def _masks(options: argparse.Namespace) -> int:
         _keep(sheet)
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
     # Masks that exist and were not replaced may have been made by hand.
-    unchanged = len(_MASKED) * len(proposals) - len(masks)
+    unchanged = len(MASKS) * len(proposals) - len(masks)
     written = f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')}"
     written += f" in {options.folder}"
     if unchanged:

@@ -43,7 +43,8 @@ class Step(NamedTuple):
     Attributes:
       view: the view after the step.
       spread: the covariance of the parameters, ``[9, 9]``, as `FloorView.moves` has them.
-      size: the largest change of a parameter, in tiles.
+      size: the largest change of a parameter of the homography, in half tiles. The parameters are in
+        halves of the floor, see `FloorView.moves`.
     """
 
     view: FloorView

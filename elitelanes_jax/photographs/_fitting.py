@@ -66,7 +66,7 @@ _CLEAR_COLOURS = 2.5
 _UNKNOWN_SPREAD = np.eye(9)
 # The spread of exact corners, which are nearly sure.
 _NO_SPREAD = np.eye(9) * 1e-7
-# The least change, in tiles, after which a further one is made at the same size.
+# The least change, in half tiles, after which a further one is made at the same size.
 _STILL = 3e-4
 # The distance within which a point is on the border, in tiles.
 _ON_BORDER = 0.008

@@ -8,8 +8,8 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
-# The next marker. Readers skip other bytes before it, and fill bytes 0xFF.
-_MARKER = re.compile(rb"\xff+([^\x00\xff])", re.DOTALL)
+# The next marker. Readers skip other bytes before it, and fill bytes 0xFF: the last 0xFF begins it.
+_MARKER = re.compile(rb"\xff([^\x00\xff])", re.DOTALL)
 # The markers of headers with the picture's size.
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 # The markers that no length follows.

@@ -113,7 +113,8 @@ def _other_colour(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
         [part.reshape(-1, 2) for part in (hue[:rim], hue[-rim:], hue[:, :rim], hue[:, -rim:])]
     )
     away = np.linalg.norm(hue - np.median(edge, axis=0), axis=-1)
-    # Red and yellow tape are far away from both; what tells asphalt from the floor is little.
+    # The hue of asphalt differs little from the floor's, and that of red and yellow tape differs
+    # much. Therefore large differences are clipped before a threshold is chosen.
     scaled = np.clip(away / np.clip(np.percentile(away, 90), 0.06, 0.5) * 255, 0, 255).astype(
         np.uint8
     )

@@ -20,6 +20,8 @@ _MOST_PIXELS = 200e6
 _MOST_READ = 26e6
 # The least side in pixels. In smaller pictures a tile's lines are not seen.
 _LEAST_SIDE = 200
+# The largest side in pixels of the picture that is read. OpenCV samples no larger one.
+_MOST_SIDE = 2**15 - 2
 _EXPECTED = "a photograph, a JPEG or PNG file"
 # The flag that reads a file at a part of its size, by how many times smaller its sides become.
 _READ_FLAGS = {
@@ -65,6 +67,10 @@ def read_picture(file: Path) -> SensorPicture:
     if min(height, width) < _LEAST_SIDE:
         raise InputError(
             file, f"a photograph of at least {_LEAST_SIDE} pixels a side", f"{width} x {height}"
+        )
+    if max(height, width) > _MOST_SIDE:
+        raise InputError(
+            file, f"a photograph of at most {_MOST_SIDE:,} pixels a side", f"{width} x {height}"
         )
     red_first = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
     return SensorPicture(red_first, shrunk, opened.exif)

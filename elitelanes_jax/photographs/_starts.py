@@ -120,6 +120,8 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
         size = f"{width} x {height} pixels"
         if photograph.shrunk > 1:
             size += f" at 1/{photograph.shrunk} of the file's size"
+        if photograph.lens is not None:
+            size += " after the lens's distortion is removed"
         raise InputError(name, f"points in the photograph, {size}", shorten(str(points.tolist())))
     x, y = points.T
     # In pixels, whose y points down, corners in clockwise order have a positive area.
@@ -135,11 +137,11 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
 
 def _turn_quad(quad: Points, shape: tuple[int, int], *, is_map: bool) -> list[Points]:
     """Returns a quadrangle ``[4, 2]`` in all directions that the tiles may have."""
-    if shape == (1, 1):
-        return [quad]
     if is_map:
         # A map may be laid in each of the four directions.
         return [np.roll(quad, -turn, axis=0) for turn in range(4)]
+    if shape == (1, 1):
+        return [quad]
     # Rows may run along either pair of sides. Of the two other directions, the one that begins
     # nearer to the top left counts.
     turned = np.roll(quad, -1, axis=0)

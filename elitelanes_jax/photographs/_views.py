@@ -14,6 +14,8 @@ Points = NDArray[np.float64]
 
 # The least side of a tile in a photograph, in pixels. In smaller tiles nothing is seen.
 _LEAST_PX = 16
+# The most rows that are read at once. OpenCV takes fewer than 2**15.
+_MOST_ROWS = 30_000
 
 
 class FloorView(NamedTuple):
@@ -182,6 +184,14 @@ def flatten(
             cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8
         )
     x, y = np.moveaxis(view.pixels_of(places).astype(np.float32), -1, 0)
-    return np.asarray(
-        cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8
-    )
+    parts = [
+        cv2.remap(
+            image,
+            x[first : first + _MOST_ROWS],
+            y[first : first + _MOST_ROWS],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        for first in range(0, len(x), _MOST_ROWS)
+    ]
+    return np.asarray(np.concatenate(parts), np.uint8)

@@ -77,7 +77,8 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
       The new tiles, by row and column.
 
     Raises:
-      InputError: for a photograph that is not uint8 ``[H, W, 3]``, or a proposal for another one.
+      InputError: for a photograph that is not uint8 ``[H, W, 3]``, or a proposal for a photograph
+        of another size.
     """
     check_named("photograph: image", check_picture, photograph.image)
     codes, sure = _read_cells(photograph, proposal)
@@ -111,10 +112,16 @@ def _read_cells(
     A proposal may come from a page or a file, so its shapes are checked.
     """
     codes = np.asarray(check_named("proposal: codes", check_grid, proposal.codes))
-    has_its_size = (proposal.height, proposal.width) == photograph.image.shape[:2]
-    has_shapes = np.shape(proposal.homography) == (3, 3) and np.shape(proposal.sure) == codes.shape
-    if not (has_its_size and has_shapes):
-        raise InputError(photograph.name, "a proposal for this photograph", "another one")
+    if np.shape(proposal.homography) != (3, 3):
+        raise InputError("proposal: homography", "[3, 3]", list(np.shape(proposal.homography)))
+    if np.shape(proposal.sure) != codes.shape:
+        expected = f"{list(codes.shape)} like codes"
+        raise InputError("proposal: sure", expected, list(np.shape(proposal.sure)))
+    # The name is not compared: a file may be renamed, or named from another folder.
+    height, width = photograph.image.shape[:2]
+    if (proposal.height, proposal.width) != (height, width):
+        got = f"one for {proposal.width} x {proposal.height}"
+        raise InputError(photograph.name, f"a proposal for {width} x {height} pixels", got)
     return codes, np.array(proposal.sure)
 
 

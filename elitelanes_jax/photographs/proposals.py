@@ -61,7 +61,7 @@ class Proposal(NamedTuple):
       codes: the codes of the tiles ``[H][W]``; 0 is a cell without a tile.
       sure: how sure each cell's code is ``[H][W]``, 0 to 1. `cut_tiles` cuts the cells from 0.5 on.
       score: how sure it is that the corners of every tile are within 1 % of a tile, 0 to 1.
-      evidence: measurements by name. The score is made of most, the others are on the sheet.
+      evidence: measurements by name. Most of them make the score.
       advice: what is wrong and what to do if the score is below 0.5, otherwise empty.
     """
 
@@ -104,7 +104,7 @@ class Proposal(NamedTuple):
 def propose_tiles(
     photograph: Photograph,
     *,
-    shape: tuple[int, int] = (1, 1),
+    shape: tuple[int, int] | None = None,
     corners: Points | None = None,
     codes: NDArray[np.int8] | None = None,
     tiles: TileSet | None = None,
@@ -114,30 +114,42 @@ def propose_tiles(
 
     Args:
       photograph: the photograph, from `Photograph.read`.
-      shape: the rows and columns of tiles, 1 to 40; those of `codes`, if they are given. A single
-        tile may lie in any direction.
+      shape: the rows and columns of tiles, 1 to 40. By default those of `codes`, or 1 and 1 without
+        `codes`. With `codes`, it must be the shape of the map, or of its part with roads.
       corners: the corners of all tiles in pixels of `photograph.image` ``[4, 2]``, clockwise from
         the first row's first tile, off by up to a tenth of a tile. By default they are found. The
         image of a photograph that was read with a lens is straightened. They may also be the
         corners of the whole map of `codes`, with its empty border.
       codes: the codes of the map that is laid, ``[H, W]``, in any of the four directions. Nothing
-        is looked for in the empty rows and columns at its border. By default the codes are read.
+        is looked for in the empty rows and columns at its border. By default the codes are read,
+        and a single tile may lie in any direction.
       tiles: pictures that kinds are read with; by default the package's own.
-      fit: whether the corners are fitted to the photograph, or taken as they are.
+      fit: whether the corners are fitted to the photograph, or taken as they are. Corners that are
+        found are always fitted.
 
     Raises:
-      InputError: if corners cross, no tile is found, a side has more than 40 tiles, or the
-        photograph is not uint8 ``[H, W, 3]``; and for a grey photograph without `codes`, unless
-        `tiles` are grey too.
+      InputError: if corners cross, no tile is found, a side has more than 40 tiles, `shape` is not
+        that of `codes`, or the photograph is not uint8 ``[H, W, 3]``. Also for `fit=False` without
+        corners, and for a grey photograph without `codes`, unless `tiles` are grey too.
     """
     check_named("photograph: image", check_picture, photograph.image)
     tiles = own_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
+    # The score takes corners that are not fitted for exact. Corners that are found are off by up to
+    # a tenth of a tile before they are fitted.
+    if not fit and corners is None:
+        raise InputError("fit", "True, or corners to take as they are", fit)
+    if shape is not None:
+        shape = check_named("shape", floor_shape, shape)
     if codes is None:
-        area = Area.whole(check_named("shape", floor_shape, shape))
+        area = Area.whole(shape or (1, 1))
         return _propose(Task(photograph, area, None, corners, tiles, fit))
     codes = np.asarray(check_named("codes", check_grid, codes))
     check_named("codes", floor_shape, codes.shape)
     area = Area.of_roads(codes)
+    if shape is not None and shape not in (area.map_shape, area.shape):
+        shapes = dict.fromkeys((area.map_shape, area.shape))
+        expected = " or ".join(f"{rows} x {columns}" for rows, columns in shapes)
+        raise InputError("shape", f"{expected} like codes", f"{shape[0]} x {shape[1]}")
     proposal = _propose(Task(photograph, area, area.cut(codes), corners, tiles, fit))
     return _on_map(proposal, area)
 
@@ -291,7 +303,7 @@ def _proposal(task: Task, fit: Fit, kinds: Kinds) -> Proposal:
     if laid.size == 1:
         evidence["contrast"] = float(contrasts(photograph.image, view, SIDES_OF_TILE).min())
     else:
-        evidence["border"] = float(fit.border.min()) if len(fit.border) else 0.0
+        evidence["border"] = float(fit.border.min())
     # A margin of 0.06 makes a kind sure by one half. A kind that differs from the map is not sure
     # at all.
     sure = np.where(laid == kinds.codes, np.vectorize(sigmoid)((kinds.margins - 0.06) / 0.02), 0.0)

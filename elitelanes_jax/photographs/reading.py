@@ -45,12 +45,12 @@ class Photograph(NamedTuple):
             distortion of its lens is removed.
 
         Raises:
-          InputError: for another file, transparent pixels, or sides below 200 pixels; the message
-            says what to do.
+          InputError: for another file, transparent pixels, or a side below 200 or over 32,766
+            pixels; the message says what to do.
         """
         file = Path(check_named("file", path, file))
         if isinstance(lens, str | Path):
-            lens = read_lens(lens)
+            lens = read_lens(check_named("lens", path, lens))
         sensor, shrunk, exif = read_picture(file)
         if lens is not None:
             # The lens bends the sensor's picture, before anything turns it.

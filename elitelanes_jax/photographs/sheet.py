@@ -15,7 +15,7 @@ from elitelanes_jax.photographs._views import FloorView, Points
 from elitelanes_jax.photographs.laid import LaidFloor, read_laid
 from elitelanes_jax.photographs.proposals import Proposal
 from elitelanes_jax.photographs.reading import Photograph
-from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
+from elitelanes_jax.tiles.contact_sheet import INK, PAPER, contact_sheet, text_width, write_text
 
 Ink = tuple[int, int, int]
 
@@ -34,9 +34,9 @@ _TEXT = 0.42
 _SIDE_POINTS = 13
 # The distance of the names of rows and columns from the floor, in tiles.
 _BESIDE = 0.25
-_PAPER, _INK = (250, 249, 246), (40, 40, 44)
-# The height of a line of text below a photograph, in pixels, and the most lines.
-_LINE, _MOST_LINES = 26, 24
+# The height of a line of text below a photograph in pixels, its scale as `write_text` takes it, and
+# the most lines.
+_LINE, _LINE_TEXT, _MOST_LINES = 26, 0.6, 24
 
 
 class Mark(NamedTuple):
@@ -68,10 +68,14 @@ def draw_proposal(photograph: Photograph, proposal: Proposal) -> NDArray[np.uint
 
 
 def draw_laid(photograph: Photograph, proposal: Proposal, laid: LaidFloor) -> NDArray[np.uint8]:
-    """Returns the photograph with the names of cells, and what to do in which of them.
+    """Draws on a photograph the names of rows and columns, and what to do with tiles.
 
-    Cells that differ from the plan are red, and unsure ones orange. Lines below the photograph say
-    what was expected and what lies there.
+    Cells that differ from the plan are red. Unsure cells are orange. Lines below the photograph say
+    what was expected in each of these cells, and what lies there.
+
+    Returns:
+      uint8 ``[H, W, 3]``, RGB. The photograph in it has at most 1600 x 1200 pixels. The picture is
+      wider than the photograph if a line of text is.
     """
     # Cells of the plan's empty border may be outside of the photograph, and behind the camera.
     rows, columns = map(_indices, road_box(laid.codes))
@@ -88,10 +92,14 @@ def draw_laid(photograph: Photograph, proposal: Proposal, laid: LaidFloor) -> ND
     lines += [f"{describe_cell(*cell)}: unsure" for cell in laid.unsure]
     if len(lines) > _MOST_LINES:
         lines = [*lines[: _MOST_LINES - 1], f"and {len(lines) - _MOST_LINES + 1} more"]
-    text = np.full((_LINE * len(lines) + _LINE // 2, picture.shape[1], 3), _PAPER, np.uint8)
+    margin = _LINE // 2
+    width = max([picture.shape[1], *(text_width(line, _LINE_TEXT) + 2 * margin for line in lines)])
+    height = picture.shape[0] + _LINE * len(lines) + margin
+    paper = _on_paper(picture, width, height)
     for number, line in enumerate(lines, start=1):
-        write_text(text, line, (_LINE // 2, _LINE * number - _LINE // 4), 0.6, _INK)
-    return np.vstack([picture, text])
+        bottom = picture.shape[0] + _LINE * number - _LINE // 4
+        write_text(paper, line, (margin, bottom), _LINE_TEXT, INK)
+    return paper
 
 
 def _draw_marks(
@@ -159,7 +167,7 @@ def _write_at(picture: NDArray[np.uint8], pixel: Points, words: str, scale: floa
     x, y = int(pixel[0] - 9.5 * scale * len(words)), int(pixel[1] + 12 * scale)
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
-            write_text(picture, words, (x + right, y + down), scale, _INK)
+            write_text(picture, words, (x + right, y + down), scale, INK)
     write_text(picture, words, (x, y), scale, _WORDS_INK)
 
 
@@ -185,6 +193,6 @@ def draw_sheet(
 
 def _on_paper(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
     """Returns a picture of a larger size, with a picture in its top left corner."""
-    paper = np.full((height, width, 3), _PAPER, np.uint8)
+    paper = np.full((height, width, 3), PAPER, np.uint8)
     paper[: picture.shape[0], : picture.shape[1]] = picture
     return paper

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, SIDES, WEST, Side, exchange_sides
 from elitelanes_jax.tiles.files import Tile
+from elitelanes_jax.tiles.sides import SEPARATOR_DEPTH
 from elitelanes_jax.tiles.strips import TAPE, find_strips
 
 # The largest part of a tile's area that stop lines, red, and lane separators, yellow, cover.
@@ -32,8 +33,6 @@ _DISTINCT = 0.7
 # The depth of the strip along a side, in tiles, that has its stop line, and where a separator's
 # middle is measured.
 _LINE_STRIP_DEPTH = 1 / 8
-# The depth of the strip along a side, in tiles, in which a separator begins.
-_SEPARATOR_STRIP_DEPTH = 1 / 4
 # The least part of the incoming lane's width that its stop line covers.
 _COVERED = 0.75
 # The least depth of a neighbour's tape, and the least part of a side that it is along, in tiles. One
@@ -189,7 +188,7 @@ def _across(road: NDArray[np.bool_]) -> _Road:
 
 def _separator_faults(yellow: NDArray[np.bool_], road: _Road, *, required: bool) -> Iterator[str]:
     size = len(yellow)
-    if required and not yellow[: round(_SEPARATOR_STRIP_DEPTH * size)].any():
+    if required and not yellow[: round(SEPARATOR_DEPTH * size)].any():
         yield "expected a lane separator that begins"
     columns = np.nonzero(yellow[: round(_LINE_STRIP_DEPTH * size)])[1]
     off = abs(columns.mean() + 0.5 - road.middle) / size if len(columns) else 0

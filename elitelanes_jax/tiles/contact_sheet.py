@@ -15,8 +15,11 @@ from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.tiles.files import check_picture
 from elitelanes_jax.tiles.object_set import ObjectPictures, load_objects
 
-# The colours of the paper, of titles and first lines, and of further lines, RGB.
-_GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
+PAPER, INK = (250, 249, 246), (40, 40, 44)
+"""The colours of the paper and of text on it, RGB."""
+
+# The colour of the lines below the first line of a caption, RGB.
+_FAINT = (120, 120, 126)
 # The gap between pictures and the height of a line of text, in pixels.
 _GAP, _LINE = 28, 19
 # The scales of titles and captions, as `write_text` takes them.
@@ -38,21 +41,21 @@ def contact_sheet(
     """
     height, width = pictures[0].shape[:2]
     # A column is as wide as the picture or the longest line of text.
-    step = _GAP + max(width, *(_length(line, _CAPTION) for lines in captions for line in lines))
+    step = _GAP + max(width, *(text_width(line, _CAPTION) for lines in captions for line in lines))
     below = _GAP + _LINE * len(captions[0])
     # With this number of columns the sheet is about square.
     columns = max(1, round(sqrt(len(pictures) * (height + below) / step)))
     rows = ceil(len(pictures) / columns)
     top = 3 * _GAP
-    across = _GAP + max(columns * step, _length(title, _TITLE) + _GAP)
-    sheet = np.full((top + rows * (height + below), across, 3), _GROUND, np.uint8)
-    write_text(sheet, title, (_GAP, 2 * _GAP - 6), _TITLE, _INK)
+    across = _GAP + max(columns * step, text_width(title, _TITLE) + _GAP)
+    sheet = np.full((top + rows * (height + below), across, 3), PAPER, np.uint8)
+    write_text(sheet, title, (_GAP, 2 * _GAP - 6), _TITLE, INK)
     for index, (picture, lines) in enumerate(zip(pictures, captions, strict=True)):
         row, column = divmod(index, columns)
         y, x = top + row * (height + below), _GAP + column * step
         sheet[y : y + height, x : x + width] = picture
         for level, line in enumerate(lines):
-            ink = _FAINT if level else _INK
+            ink = _FAINT if level else INK
             write_text(sheet, line, (x, y + height + _LINE * (level + 1)), _CAPTION, ink)
     return sheet
 
@@ -66,7 +69,7 @@ def pin_signs(
     signs, so that they do not hide each other. Signs of street names are left out.
     """
     border = round(_BORDER * tile_px)
-    paper = cv2.copyMakeBorder(picture, *(border,) * 4, cv2.BORDER_CONSTANT, value=_GROUND)
+    paper = cv2.copyMakeBorder(picture, *(border,) * 4, cv2.BORDER_CONSTANT, value=PAPER)
     framed = np.asarray(paper, np.uint8)
     signs = [
         thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"
@@ -126,7 +129,7 @@ def _font() -> Untyped:
     return font if font is not None and font.getName() else None
 
 
-def _length(text: str, scale: float) -> int:
+def text_width(text: str, scale: float) -> int:
     """Returns the width of a line of text in pixels; fonts differ between versions of OpenCV."""
     if _font() is None:
         return cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)[0][0]

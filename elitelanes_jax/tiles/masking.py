@@ -144,10 +144,10 @@ def propose_masks(
     # Where both colours match, the line is red.
     lines["yellow"] &= ~lines["red"]
     tape = lines["red"] | lines["yellow"]
-    # Tape is brighter than asphalt, but on the road.
+    # Tape is too bright for asphalt. It becomes road here, because it is on the road.
     dark = np.where(tape, np.uint8(255), _in_range(hsv, colours["road"]))
-    # What only narrow bridges join to the largest piece, or tape along a side cuts off, counts as
-    # floor around the tile.
+    # The road is the largest piece. A piece that only a narrow bridge joins to it is floor around
+    # the tile, and so is a sliver between the tape along a side and the tile's border.
     road = _largest(_without_slivers(_clean(dark, fine, _disc(size * _CUT)), round(size * _SLIVER)))
     return {"road": road, "red": lines["red"] & road, "yellow": lines["yellow"] & road}
 
@@ -170,8 +170,9 @@ class MaskedTile(NamedTuple):
     Attributes:
       folder: the folder of the tile.
       image: uint8 ``[S, S, 3]``, RGB.
-      masks: bool ``[S, S]``, by the names in `MASKS`; existing masks of the folder are kept.
-      proposed: the names of the proposed ones.
+      masks: bool ``[S, S]``, by the names in `MASKS`: existing masks of the folder, or proposed
+        ones.
+      proposed: the names of the proposed masks.
     """
 
     folder: Path
@@ -179,10 +180,16 @@ class MaskedTile(NamedTuple):
     masks: dict[str, NDArray[np.bool_]]
     proposed: tuple[str, ...]
 
+    def mask_files(self, names: Sequence[str] = MASKS) -> dict[Path, NDArray[np.uint8]]:
+        """Returns masks as pictures of 0 and 255, by the path of each mask's file."""
+        return {
+            self.folder / f"{name}.png": self.masks[name].astype(np.uint8) * 255 for name in names
+        }
+
     def write_masks(self) -> None:
         """Writes a PNG file of each mask into the folder."""
-        for name, mask in self.masks.items():
-            write_png(self.folder / f"{name}.png", mask.astype(np.uint8) * 255)
+        for file, picture in self.mask_files().items():
+            write_png(file, picture)
 
 
 @name_wrong_arguments
@@ -197,8 +204,8 @@ def mask_folder(
       overwrite: names of masks to propose even if they exist.
 
     Raises:
-      InputError: if there are no tiles, for another name in `overwrite`, or for a bad file; the
-        message names it.
+      InputError: if there are no tiles, for another name in `overwrite`, for a bad file, or for a
+        grey picture that needs a mask; the message names it.
     """
     folder = Path(check_named("folder", path, folder))
     for name in overwrite:
@@ -218,9 +225,12 @@ def mask_folder(
         image = read_image(file, problems)
         if image is None:
             continue
-        # Tape is told by its hue, which a grey picture does not have.
-        if (image.pixels[image.opaque] == image.pixels[image.opaque][:, :1]).all():
-            problems.append(f"{file}: expected a picture in colours, got a grey one")
+        # Tape is told by its hue, which a grey picture does not have. Its masks are made by hand.
+        is_grey = (image.pixels[image.opaque] == image.pixels[image.opaque][:, :1]).all()
+        if is_grey and _names_to_propose(tile_folder, overwrite):
+            problems.append(
+                f"{file}: expected a picture in colours, to propose masks, got a grey one"
+            )
             continue
         proposals.append(_propose(tile_folder, image, colours, overwrite, problems))
     if problems:
@@ -241,14 +251,19 @@ def _propose(
     `problems` gets a line for each error of an existing mask.
     """
     proposed = propose_layer_masks(image, colours)
-    masks, names = {}, []
+    masks = {}
     for name in MASKS:
         file = folder / f"{name}.png"
         existing = None if name in overwrite else read_mask(file, image, problems)
         masks[name] = (proposed[name] if existing is None else existing.pixels) & image.opaque
-        if name in overwrite or not file.exists():
-            names.append(name)
-    return MaskedTile(folder, image.pixels, masks, tuple(names))
+    return MaskedTile(folder, image.pixels, masks, _names_to_propose(folder, overwrite))
+
+
+def _names_to_propose(folder: Path, overwrite: Collection[str]) -> tuple[str, ...]:
+    """Returns the names of the masks that a tile lacks, or that are to be replaced."""
+    return tuple(
+        name for name in MASKS if name in overwrite or not (folder / f"{name}.png").exists()
+    )
 
 
 def proposal_sheet(title: str, proposals: Sequence[MaskedTile]) -> NDArray[np.uint8]:

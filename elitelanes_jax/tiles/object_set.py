@@ -8,9 +8,9 @@ An object set has a folder for each object, such as ``duckie_1``. Each has
 - ``image.png``: the object from its front, with transparency. Its lowest row is the floor, its top
   row the height, and its middle column the middle of the object. Tags on the floor, of height 0,
   have none;
-- ``image_45.png`` and other numbers of degrees, as many as there are: from a viewer so far
-  counter-clockwise from the object's front, as seen from above. The nearest view is drawn; with
-  ``image.png`` alone all sides look the same;
+- ``image_45.png`` and other numbers of degrees, 1 to 359, all optional: the object from other
+  sides. The viewer stands this many degrees counter-clockwise from the object's front, as seen from
+  above. The nearest view is drawn. With ``image.png`` alone all sides look the same;
 - ``top.png``: the object from above, as large as the footprint, its front to the right. Without it,
   views from above show ``image.png``, lying on the floor, its top ahead.
 """
@@ -410,8 +410,11 @@ def _read_pair(value: Plain) -> tuple[float, float] | None:
 def _read(file: Path) -> NDArray[np.uint8]:
     problems: list[str] = []
     picture = read_picture(file, problems)
-    if picture is None:
+    if problems:
         raise InputError("", "", problems[0])
+    if picture is None:
+        # A folder or a link that leads nowhere has the name of a view.
+        raise InputError(file, "a PNG file", "none")
     if picture.ndim != 3 or picture.shape[2] != 4 or not (picture[..., 3] >= OPAQUE).any():
         raise InputError(
             file, "a picture with transparency and some pixels that are opaque", "one without"

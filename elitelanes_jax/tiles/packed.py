@@ -45,10 +45,12 @@ class _Packer(pickle.Pickler):
     """Pickles sets of pictures in fewer bytes than pickle does."""
 
     def reducer_override(self, value: Untyped) -> Untyped:
-        if isinstance(value, TileSet) and value.to_plain() == own_tiles().to_plain():
-            return _own_tiles_like, (value.to_plain(),)
-        if isinstance(value, ObjectSet) and value.digest == load_objects().digest:
-            return _own_objects_like, (value.digest,)
+        if isinstance(value, TileSet) and _describe(value) == _describe(own_tiles()):
+            return _own_tiles_like, (_describe(value),)
+        if isinstance(value, ObjectSet):
+            own_objects = load_objects()
+            if (value.name, value.digest) == (own_objects.name, own_objects.digest):
+                return _own_objects_like, (value.digest,)
         if isinstance(value, TileSet | ObjectSet):
             # Pickle would also send what their properties have computed.
             return type(value), tuple(getattr(value, field.name) for field in fields(value))
@@ -59,11 +61,17 @@ class _Packer(pickle.Pickler):
         return NotImplemented
 
 
+def _describe(tiles: TileSet) -> dict[str, Plain]:
+    """Returns all fields of a tile set as plain values, with a digest of its pictures."""
+    # Pictures of maps do not depend on the spread.
+    return tiles.to_plain() | {"lane_offset_spread": tiles.lane_offset_spread}
+
+
 def _own_tiles_like(about: dict[str, Plain]) -> TileSet:
     """Returns the package's own tile set, if it is the one of the sender."""
     tiles = own_tiles()
-    if tiles.to_plain() != about:
-        raise InputError("", f"the package's tiles {about}, as here", tiles.to_plain())
+    if _describe(tiles) != about:
+        raise InputError("", f"the package's tiles {about}, as here", _describe(tiles))
     return tiles
 
 

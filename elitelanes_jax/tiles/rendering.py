@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.cells import describe_cell
 from elitelanes_jax._util.checks import (
+    TILE_PX,
     check_named,
     file_named,
-    is_whole,
     listed,
     path,
     real,
@@ -48,8 +48,6 @@ COMPARED_PX = 64
 It is the same for all sizes of pictures.
 """
 
-# The smallest and the largest side of a tile in pixels.
-_SMALLEST, _LARGEST = 16, 512
 # The longest side of a picture that the encoder of PNG files takes, in pixels.
 _LONGEST_PNG = 1_000_000
 
@@ -278,13 +276,7 @@ def _known_equations(_: TileSet) -> Equations:
 
 def check_tile_px(tile_px: UserValue) -> int:
     """Checks the side of a tile in pixels, 16 to 512."""
-    if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
-        raise InputError(
-            "tile_px",
-            f"a whole number, {_SMALLEST} to {_LARGEST} pixels a tile",
-            quote(tile_px),
-        )
-    return int(tile_px)
+    return check_named("tile_px", TILE_PX, tile_px)
 
 
 def record_choice(tiles: TileSet, chosen: NDArray[np.int_]) -> Drawn:
@@ -376,10 +368,12 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
 
 @name_wrong_arguments
 def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
-    """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``.
+    """Writes a PNG file of a picture, and makes missing folders.
 
-    Raises `InputError` for another suffix, values that are not uint8 or uint16, another shape, or no
-    pixel.
+    The picture is ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``. Raises
+    `InputError` for a name that does not end in .png, values that are not uint8 or uint16, another
+    shape, no pixel, or a side of more than a million pixels. Raises `OSError` if the file cannot be
+    written.
     """
     target = check_named("file", file_named(".png"), file)
     content = png_of(pixels)

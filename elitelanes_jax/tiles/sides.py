@@ -10,8 +10,9 @@ from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.tiles.files import Tile
 from elitelanes_jax.tiles.light import even_light
 
-# The depth of the strip along a side, in tiles, in which a separator begins.
-_SEPARATOR_DEPTH = 1 / 5
+SEPARATOR_DEPTH = 1 / 5
+"""The depth of the strip along a side, in tiles, in which a separator begins."""
+
 # The depth of a separator that is measured, in tiles: on a turn it leaves the middle further
 # inside.
 _DASH_DEPTH = 1 / 24
@@ -132,7 +133,7 @@ def _measure(
     columns = np.flatnonzero(road[0])
     start, end = float(columns[0]) / size, float(columns[-1] + 1) / size
     half = 0.0
-    rows = np.flatnonzero(yellow[: round(_SEPARATOR_DEPTH * size)].any(axis=1))
+    rows = np.flatnonzero(yellow[: round(SEPARATOR_DEPTH * size)].any(axis=1))
     separator = None
     if len(rows):
         dash = np.flatnonzero(

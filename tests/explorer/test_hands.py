@@ -104,7 +104,7 @@ def test_wrong_requests_are_refused(photographed_work):
     with refused("", "0 and 3", expected="1 to 40"):
         photographed_work.fit(request | {"rows": 0})
     proposal = photographed_work.state()["photographs"][0]["proposal"]
-    with refused("floor.jpg", "another one"):
+    with refused("floor.jpg", "one for 5 x 640"):
         photographed_work.cut({"photo": 0, "proposal": proposal | {"width": 5}})
     with refused("", "none"):
         photographed_work.save([])

@@ -50,6 +50,16 @@ def test_a_shadow_under_tiles_moves_the_border_by_colours_but_not_the_sharpest_e
     assert np.isnan(_borders.shadow_width(picture, square_view(0.03), sides, 0.04))
 
 
+def test_the_border_of_a_floor_with_many_open_sides_is_seen():
+    """OpenCV reads fewer than 2**15 rows at once. A side has 96."""
+    codes = np.where(np.indices((14, 14)).sum(axis=0) % 2, 15, 0).astype(np.int8)
+    sides, corners = _borders.outer_sides(codes), photographed.corners_of(14, 14)
+    picture, view = photographed.photograph(codes, corners), view_of(corners, 14, 14, 800, 640)
+    offsets = _borders.colour_border(picture, view, sides, 0.04).offsets
+    last = _borders.colour_border(picture, view, sides[-3:], 0.04).offsets
+    np.testing.assert_array_equal(offsets[-3:], last)
+
+
 def test_a_view_bends_and_scales():
     view = view_of(CORNERS, 3, 3, 800, 640)
     np.testing.assert_allclose(view.pixels_of(np.array([[0, 0], [3, 3]], float)), CORNERS[[0, 2]], atol=1e-3)

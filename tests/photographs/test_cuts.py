@@ -1,5 +1,7 @@
 """Tiles that are cut out of photographs, and floors that are compared with a plan."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import photographed
@@ -7,12 +9,13 @@ import pytest
 from refusals import refused
 
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.cli.photographs import _describe_set
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.network.codes import CONNECTIONS, ROAD_ALPHABET
 from elitelanes_jax.photographs import Photograph, cut_tiles, propose_tiles, write_cuts
 from elitelanes_jax.photographs._judging import SURE
 from elitelanes_jax.photographs.cutting import mask_cut
-from elitelanes_jax.photographs.floors import Floor, cut_floors
+from elitelanes_jax.photographs.floors import CutFloors, Floor, cut_floors
 from elitelanes_jax.photographs.laid import find_differences, turn_floor, turn_to_plan
 from elitelanes_jax.tiles import inspect_tiles, load_tiles, sides
 from elitelanes_jax.tiles.sides import measure_lanes
@@ -73,12 +76,13 @@ def test_no_two_tiles_get_one_name(shot, proposal, tmp_path):
 @pytest.mark.parametrize(
     ("change", "subject", "got"),
     [
-        ({"width": 5}, "floor", "another one"),
-        ({"sure": [[1.0]]}, "floor", "another one"),
+        ({"width": 5}, "floor", "one for 5 x 640"),
+        ({"sure": [[1.0]]}, "proposal: sure", "[1, 1]"),
+        ({"homography": [[1.0]]}, "proposal: homography", "[1, 1]"),
         ({"codes": [[16] * 3] * 3}, "proposal: codes: grid", "16 at A1 ([0, 0])"),
     ],
 )
-def test_a_proposal_for_another_photograph_is_refused(shot, proposal, change, subject, got):
+def test_a_proposal_for_a_photograph_of_another_size_is_refused(shot, proposal, change, subject, got):
     """Its tiles were cut somewhere else in the photograph, without a word."""
     with refused(subject, got):
         cut_tiles(shot._replace(name="floor"), proposal._replace(**change))
@@ -136,6 +140,17 @@ def test_a_photograph_of_another_type_is_refused(change):
     proposal = propose_tiles(Photograph("frame", image), corners=corners, codes=np.array([[6]]), fit=False)
     with refused("photograph: image", "... [300, 300, 3]", expected="uint8"):
         cut_tiles(Photograph("frame", change(image)), proposal)
+
+
+def test_an_empty_cell_that_is_unsure_is_no_tile_that_was_left_out(proposal):
+    """A user looked for the tile."""
+    sure = [[1.0, 1.0, 1.0], [1.0, 0.1, 0.1], [1.0, 1.0, 1.0]]
+    codes = [proposal.codes[0], [10, 0, 10], proposal.codes[2]]
+    cut = CutFloors([], [], [proposal._replace(codes=codes, sure=sure)], [])
+    assert _describe_set(cut, Path("mine"))[2:] == [
+        "floor: left out B2 ([1, 1]), unsure whether a tile is there",
+        "floor: left out the tile at C2 ([1, 2]), its kind is unsure",
+    ]
 
 
 def test_floors_are_compared_with_their_plan():

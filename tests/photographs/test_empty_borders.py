@@ -14,6 +14,7 @@ from elitelanes_jax.photographs._areas import Area
 from elitelanes_jax.photographs._views import view_of
 from elitelanes_jax.photographs.laid import read_laid, turn_floor
 from elitelanes_jax.photographs.sheet import draw_laid, draw_proposal
+from elitelanes_jax.tiles.contact_sheet import PAPER
 
 TOWN = np.array([[6, 7, 5, 3], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)
 MAP = np.pad(TOWN, ((0, 1), (1, 0)))
@@ -74,6 +75,17 @@ def test_cells_that_differ_are_named_as_on_the_whole_map(shot, tmp_path):
     # A row or a column of names is beside each side of the tiles.
     picture = draw_laid(shot, propose_tiles(shot, shape=TOWN.shape), laid)
     assert picture.shape[2] == 3
+
+
+def test_lines_below_a_tall_photograph_are_not_cut_off(shot, proposal):
+    """Each ended in the middle of a word."""
+    tall = Photograph("tall", np.pad(shot.image, ((0, 2400), (0, 0), (0, 0))))
+    plan = MAP.copy()
+    plan[0, 2] = 10
+    picture = draw_laid(tall, proposal._replace(height=len(tall.image)), read_laid(proposal, plan))
+    lines = picture[1200:]
+    assert picture.shape[1] > 1200 / len(tall.image) * tall.image.shape[1]
+    assert (lines != PAPER).any() and (lines[:, -9:] == PAPER).all()
 
 
 def test_the_names_of_cells_are_beside_the_tiles(shot, proposal):

@@ -19,6 +19,7 @@ from elitelanes_jax.photographs import (
 from elitelanes_jax.photographs._judging import SURE, judge
 from elitelanes_jax.photographs._views import view_of
 from elitelanes_jax.photographs.laid import turn_floor
+from elitelanes_jax.photographs.lenses import Lens
 
 TOWN = photographed.TOWN
 CORNERS = photographed.corners_of(3, 3)
@@ -187,6 +188,14 @@ def test_a_single_tile_may_lie_in_any_direction():
     assert off(proposal, photographed.corners_of(1, 1)) < 0.01
 
 
+def test_a_map_of_one_tile_may_be_laid_in_any_direction():
+    """The tile was refused, because it was read in the direction of the map alone."""
+    photo = Photograph("turn", photographed.photograph(np.array([[12]], np.int8)))
+    proposal = propose_tiles(photo, codes=np.pad([[6]], 1))
+    assert proposal.score > SURE and proposal.unsure_cells == []
+    assert off(proposal, np.roll(photographed.corners_of(1, 1), 1, axis=0)) < 0.01
+
+
 @pytest.mark.parametrize(("code", "ground"), [(5, (58, 70, 95)), (10, (120, 118, 116))])
 def test_a_border_is_found_next_to_white_tape(code, ground):
     """Between the border and the tape is a narrow strip of asphalt, whose edge to the tape is the stronger one."""
@@ -264,6 +273,9 @@ def test_the_size_of_a_photograph_that_was_shrunk_is_explained(shot):
     """Corners are in pixels of the file for the command, whose message had another size without a word."""
     with refused("floor: corners", expected="800 x 640 pixels at 1/2"):
         propose_tiles(shot._replace(name="floor", shrunk=2), shape=(3, 3), corners=CORNERS + 9999)
+    lens = Lens(np.eye(3), np.zeros(5), False, 800, 640)
+    with refused("floor: corners", expected="800 x 640 pixels after the lens's distortion is removed"):
+        propose_tiles(shot._replace(name="floor", lens=lens), shape=(3, 3), corners=CORNERS + 9999)
 
 
 @pytest.mark.parametrize("suffix", [".png", pytest.param(".jpg", marks=pytest.mark.slow)])

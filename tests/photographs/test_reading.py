@@ -1,6 +1,7 @@
 """Files of photographs and of calibrations, at which size and how upright they are read, and what is refused."""
 
 import struct
+import time
 import zlib
 
 import cv2
@@ -71,6 +72,20 @@ def test_the_size_of_a_jpeg_is_read_as_its_decoder_reads_it(stray, tmp_path, mon
     monkeypatch.setattr(_picture_files, "_MOST_PIXELS", 100_000)
     with refused(tmp_path / "stray.jpg", "400 x 300", expected="at most 0.1"):
         Photograph.read(tmp_path / "stray.jpg")
+
+
+def test_fill_bytes_take_no_longer_than_others():
+    """40,000 of them took 15 s."""
+    began = time.process_time()
+    assert read_header(jpeg_with(b"\xff" * 40_000 + b"\0")).width == 400
+    assert time.process_time() - began < 1
+
+
+def test_a_photograph_that_opencv_cannot_sample_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(_picture_files, "_MOST_SIDE", 399)
+    (tmp_path / "long.jpg").write_bytes(jpeg_with(b""))
+    with refused(tmp_path / "long.jpg", "400 x 300", expected="at most 399"):
+        Photograph.read(tmp_path / "long.jpg")
 
 
 def test_a_jpeg_without_a_frame_header_is_refused(tmp_path):

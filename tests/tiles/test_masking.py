@@ -116,6 +116,13 @@ def test_what_cannot_be_masked_is_named(tmp_path):
     cv2.imwrite(str(place / "image.png"), np.zeros((40, 40), np.uint8))
     with refused("", "...turn_1/image.png...got a grey one"):
         mask_folder(tmp_path)
+    # The masks of a grey picture are made by hand.
+    for name in MASKS:
+        cv2.imwrite(str(place / f"{name}.png"), np.full((40, 40), 255, np.uint8))
+    (by_hand,) = mask_folder(tmp_path)
+    assert by_hand.proposed == () and all(mask.all() for mask in by_hand.masks.values())
+    with refused("", "...turn_1/image.png...got a grey one"):
+        mask_folder(tmp_path, overwrite=["red"])
     cv2.imwrite(str(place / "image.png"), np.zeros((1, 1, 3), np.uint8))
     with refused("", "...turn_1/image.png...got 1"):
         mask_folder(tmp_path)

@@ -197,6 +197,8 @@ FAULTS = [
     ),
     (shutil.rmtree, "", "none", "object.toml and image.png"),
     (lambda place: replace_by_a_folder(place / "image.png"), "duckie_1", "none", "image.png"),
+    (lambda place: replace_by_a_folder(place / "image_77.png"), "duckie_1/image_77.png", "none", "a PNG file"),
+    (lambda place: (place / "image_77.png").symlink_to("lost"), "duckie_1/image_77.png", "none", "a PNG file"),
 ]
 
 
