@@ -227,7 +227,8 @@ def _stem(file: Path) -> Path:
     path = Path(os.path.normpath(file.absolute()))
     if not path.is_dir():
         path = path.with_suffix("")
-    return path.parent if path.name == "map" else path
+    # The root has no name.
+    return path.parent if path.name == "map" and path.parent.name else path
 
 
 def _write_new(file: Path, content: bytes) -> None:

@@ -64,7 +64,7 @@ def add_generate(commands: Commands) -> None:
     add_executors(command)
     command.add_argument(
         "--floor",
-        type=checked_by(real(0, 10_000, unit="metres, a number", exclusive=True)),
+        type=checked_by(real(0, 600, unit="metres, a number", exclusive=True)),
         nargs=2,
         metavar=("WIDTH", "DEPTH"),
         help="instead of --size: metres from west to east and from north to south; the size is the "

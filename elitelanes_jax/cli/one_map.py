@@ -3,7 +3,7 @@
 import argparse
 import sys
 import textwrap
-from dataclasses import replace
+from pathlib import Path
 
 from elitelanes_jax._util.cells import cell_name
 from elitelanes_jax._util.checks import SEED, check_named, file_named, nonblank, one_of, path, real
@@ -87,7 +87,7 @@ def add_render(commands: Commands) -> None:
 
 
 def _render(options: argparse.Namespace) -> int:
-    from elitelanes_jax.formats.duckietown import without_dead_ends
+    from elitelanes_jax.maps.exporting import without_ends
     from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.maps.folder import foreign_to_picture
     from elitelanes_jax.tiles.object_set import load_objects
@@ -95,18 +95,11 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
-    # The folder of the pictures has the name of the map without its suffix.
-    out = options.out or options.map.with_suffix("")
-    # Otherwise the pictures would be written over the map itself.
-    if options.out is None and (options.map.is_dir() or out == options.map):
-        which = "is a folder too" if options.map.is_dir() else "has no suffix to leave out"
-        raise InputError(
-            "--out", f"a folder for the pictures of {options.map}, which {which}", "none"
-        )
+    out = options.out or _picture_folder(options.map)
     objects = options.objects and load_objects(options.objects)
-    if options.dead_ends:
-        # The faults that are announced below are those of the map as it is drawn.
-        road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
+    # The faults that are announced below are those of the map as it is drawn.
+    with naming(options.map):
+        road_map = without_ends(road_map, options.dead_ends)
     warn_of_faults(str(options.map), road_map)
     # With a seed the pictures are chosen anew in any case.
     if options.seed is None and (line := describe_other_pictures(road_map, tiles)):
@@ -124,6 +117,17 @@ def _render(options: argparse.Namespace) -> int:
             write_png(work.files / "overlay.png", picture.overlay())
     say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
     return 0
+
+
+def _picture_folder(source: Path) -> Path:
+    """Returns the folder for the pictures of a map: the path of the map without its suffix."""
+    # A path such as "." has no suffix to remove, and `with_suffix` raises an error.
+    out = source if source.is_dir() else source.with_suffix("")
+    # The pictures must not be written over the map itself.
+    if out == source:
+        which = "is a folder too" if source.is_dir() else "has no suffix to leave out"
+        raise InputError("--out", f"a folder for the pictures of {source}, which {which}", "none")
+    return out
 
 
 def add_plan(commands: Commands) -> None:

@@ -9,6 +9,7 @@ from jaxtyping import UInt8
 
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax.dataset._fields import OBJECTS, Contents
+from elitelanes_jax.dataset._samples import layer_names
 from elitelanes_jax.dataset.spec import describe_sides
 from elitelanes_jax.dataset.tables import DatasetRecord, SeenObject
 from elitelanes_jax.maps.spec import SPLITS
@@ -127,13 +128,14 @@ def tasks_of(about: DatasetRecord) -> list[str]:
 
 def _table_of_fields(contents: Contents) -> list[str]:
     """Returns a table of the metadata."""
+    layers = layer_names(has_objects=contents.objects)
     lines = [
         "The metadata of each sample have these fields. A field is missing if a given map has no "
         "such value.",
         "",
         "| field | value |",
         "|---|---|",
-        f"| `image_file_name`, `labels_file_name` | {_FILES} |",
+        f"| {', '.join(f'`{layer}_file_name`' for layer in layers)} | {_FILES} |",
     ]
     for fields, words in contents.groups():
         # The objects are explained below the table.
@@ -154,7 +156,8 @@ def introduce(about: DatasetRecord) -> list[str]:
     else:
         views = f"views from above, {settings['tile_px']} pixels a tile"
     pictures = pluralize(sum(counts.values()), "picture")
-    networks = pluralize(settings["maps"], "road network")
+    # A part has fewer maps than the settings say.
+    networks = pluralize(sum(counts.values()) // settings["views"], "road network")
     # Given maps may have several parts. Evolved ones are valid, and therefore connected.
     maps = "They were given, not evolved." if about["given_maps"] else "Each is connected."
     maps += " No two have the same roads, even if these are moved, rotated or mirrored."
@@ -218,6 +221,8 @@ def _origin(about: DatasetRecord) -> list[str]:
         "rules": "rules that every map keeps",
         "weights": "weights of the fitness",
         "axes": "axes of the niches",
+        "fix": "tile codes that every map keeps",
+        "inventory": "tiles that every map needs at most",
     }
     for name, words in constraints.items():
         if search[name]:

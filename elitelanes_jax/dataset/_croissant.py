@@ -243,7 +243,7 @@ class _Writer:
         for group in self._contents.groups():
             words = group.about.replace("`", "").replace("\n", " ")
             for field in group.fields:
-                if field.name in self._present and (field.kind or field.parts):
+                if field.name in self._present:
                     fields.append(self._metadata_field(name, files, field, words))
         return fields
 

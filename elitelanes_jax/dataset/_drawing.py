@@ -66,7 +66,7 @@ class Drawing:
         """Returns what the samples of a planned dataset are drawn from."""
         spec = plan.spec
         settings = SampleSettings(
-            Pictures(plan.tiles, plan.objects), spec.seed, spec.pixels, spec.transforms, spec.camera
+            Pictures(plan.tiles, plan.objects), spec.seed, spec.pixels, spec.ranges, spec.camera
         )
         metrics: dict[str, bool] = {}
         for road_map in maps:

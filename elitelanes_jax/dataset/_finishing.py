@@ -147,7 +147,7 @@ def _list_samples(samples: Samples, layout: Layout, wanted: Set[int]) -> _Listed
         # One pass over the records gives the sums and the records for the sheet.
         for record in samples.read_split(split):
             pixels[SPLITS[split]] += record["class_pixels"]
-            add_metrics(listed.metrics, record.get("metrics"))
+            add_metrics(listed.metrics, record["metrics"])
             listed.names.update(dict.fromkeys(record))
             if record["number"] in wanted:
                 listed.records[record["number"]] = record
@@ -176,13 +176,10 @@ def _on_sheet(
     record: SampleRecord, samples: Samples, layout: Layout
 ) -> tuple[str, str, tuple[str, ...]]:
     """Returns the files of a sample's image and labels, and its lines on the sheet."""
-    index, metrics = record["number"], record.get("metrics", {})
+    index, metrics = record["number"], record["metrics"]
     split, (height, width) = samples.split_of(index), record["size"]
     image, labels = (layout.file(split, index, layer) for layer in ("image", "labels"))
-    # Given maps may have no metrics.
     figures = ", ".join(
-        f"{name} {metrics[name]}"
-        for name in ("cyclomatic", "crossings", "bridges")
-        if name in metrics
+        f"{name} {metrics[name]}" for name in ("cyclomatic", "crossings", "bridges")
     )
     return image, labels, (f"{index:06d}, {SPLITS[split]}, {height} x {width} tiles", figures)

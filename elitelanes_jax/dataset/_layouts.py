@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.files import write_atomic
-from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.sums import SUMS
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._coco import SHORT_NAMES, Records, Row, annotate, coco_rows
 from elitelanes_jax.dataset._samples import Sample, layer_names
 from elitelanes_jax.dataset._shards import OpenShard, open_parquet, open_tar
-from elitelanes_jax.dataset.tables import SampleNote, SampleRecord, read_dataset_record
+from elitelanes_jax.dataset.tables import DatasetRecord, SampleNote, SampleRecord
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.folder import foreign_to_record
 from elitelanes_jax.maps.spec import SPLITS
 
 RECORD = "dataset.json"
@@ -243,17 +243,12 @@ def write_maps(file: Path, maps: Sequence[RoadMap], views: int) -> None:
 
 def foreign_to_dataset(folder: Path) -> str | None:
     """Returns the first file in a folder that is not of a dataset, or None."""
-    try:
-        about = read_dataset_record(folder / RECORD)
+
+    def written(about: DatasetRecord) -> str:
         # The record says the layout, by which the paths of pictures are known.
-        layout = LAYOUTS[about["settings"]["format"]]
-        if "elitelanes_jax" not in about["versions"]:
-            return f"{RECORD} of another program"
-    except FileNotFoundError:
-        return f"no {RECORD}"
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return f"{RECORD} of another program"
-    return foreign_file(folder, re.compile(f"{_DESCRIBING}|{layout.files_pattern()}").fullmatch)
+        return f"{_DESCRIBING}|{LAYOUTS[about['settings']['format']].files_pattern()}"
+
+    return foreign_to_record(folder, RECORD, written)
 
 
 def _in_split(text: str, split: int) -> str:
@@ -271,8 +266,7 @@ def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Row]:
         row: Row = {**file_names, **record}
         if has_objects:
             row["objects"] = _object_columns(record)
-        # A record without entries would be a column without fields.
-        yield {name: value for name, value in row.items() if value != {}}
+        yield row
 
 
 # The names are those that Hugging Face's guides have for boxes.

@@ -116,9 +116,7 @@ def _schema(contents: Contents) -> Untyped:
     columns = dict.fromkeys(layers, picture)
     for group in contents.groups():
         for field in group.fields:
-            # Parquet has no records without fields.
-            if field.kind or field.parts:
-                columns[field.name] = type_of(field)
+            columns[field.name] = type_of(field)
     # Without this note, the pictures would load as records of bytes and a path.
     features = {layer: {"_type": "Image"} for layer in layers}
     note = json.dumps({"info": {"features": features}})

@@ -8,6 +8,7 @@ from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax._util.words import parse_words
+from elitelanes_jax.drive.camera_options import Variation
 
 
 def range_ends(value: UserValue) -> Sequence[UserValue]:
@@ -90,19 +91,14 @@ STANDARD = Transforms(
 )
 """Roughly the views of a camera over a real floor."""
 
+# The camera of environments has the same ranges, and some that only its views have.
 VARIED = STANDARD.replace(
-    light=0.3,
-    contrast=0.4,
-    colour=0.1,
-    noise=8,
-    background=0.8,
-    shadow=0.6,
-    vignette=0.5,
-    gamma=0.6,
-    saturation=0.5,
-    warmth=0.2,
-    motion=2,
     compression=0.5,
+    **{
+        name: value
+        for name, value in Variation.varied().values().items()
+        if name in Transforms.options()
+    },
 )
 """Views that differ so much that a network that was trained on them works in other worlds."""
 

@@ -22,7 +22,7 @@ from elitelanes_jax.dataset._plan import evolve_maps
 from elitelanes_jax.dataset._records import Samples
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
-from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.dataset.spec import DatasetSpec, describe_sides
 from elitelanes_jax.dataset.tables import DatasetRecord, read_dataset_record
 from elitelanes_jax.drive.camera_options import sees_ground
 from elitelanes_jax.formats.road_map import RoadMap
@@ -149,9 +149,7 @@ def _make_maps(
 ) -> tuple[Sequence[RoadMap], NDArray[np.int_]]:
     """Evolves the maps, or takes those that are given; returns them and the split of each."""
     spec = plan.spec
-    smallest, largest = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
-    sizes = smallest if smallest == largest else f"{smallest} to {largest}"
-    views = pluralize(spec.views, "view")
+    sizes, views = describe_sides(spec.size), pluralize(spec.views, "view")
     made = f"making a dataset of {pluralize(spec.maps, 'map')} of {sizes} tiles, {views} each"
     if spec.maps_from is None:
         made += (

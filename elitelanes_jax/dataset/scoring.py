@@ -1,6 +1,7 @@
 """Scores of a network's predictions on a dataset."""
 
 import json
+import math
 import operator
 import sys
 from collections.abc import Collection, Container, Iterable, Mapping
@@ -18,7 +19,7 @@ from elitelanes_jax._util.checks import check_named, is_real, is_whole, one_of, 
 from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.dataset._layouts import LAYOUTS, RECORD, Layout
+from elitelanes_jax.dataset._layouts import LAYOUTS, PART, RECORD, Layout
 from elitelanes_jax.dataset.tables import DatasetRecord, SampleRecord, read_dataset_record
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.maps.spec import SPLITS
@@ -50,16 +51,17 @@ def score_predictions(
     Returns:
       The intersection over union (IoU) of each class, by its name, and their `mean`, over all
       pixels of the split. A class that neither labels nor predictions have is NaN, and is left out
-      of the mean. For objects, COCO's average precisions of boxes: `AP`, `AP50` and `AP75`. For lane
-      poses, the median absolute errors against `nearest` of the dataset: `offset_cm`, in centimetres
-      for tiles of 0.585 m, and `angle_rad`. `offset_cm_90` and `angle_rad_90` are 90th percentiles.
-      `offset_cm_constant` and `angle_rad_constant` are the median errors of the split's median pose,
-      which needs no picture.
+      of the mean. For objects, COCO's average precisions of boxes: `AP`, `AP50` and `AP75`. They are
+      NaN if no picture of the split shows an object. For lane poses, the median absolute errors
+      against `nearest` of the dataset: `offset_cm`, in centimetres for tiles of 0.585 m, and
+      `angle_rad`. `offset_cm_90` and `angle_rad_90` are 90th percentiles. `offset_cm_constant` and
+      `angle_rad_constant` are the median errors of the split's median pose, which needs no picture.
 
     Raises:
       InputError: for a folder that is no such dataset, a missing or wrong prediction, or a package
         that is not installed. The message names the missing file, or the index and the field of a
         wrong result.
+      OSError: that names the file, if the dataset's list of the split's pictures cannot be read.
     """
     folder = Path(check_named("dataset", path, dataset))
     predicted = Path(check_named("predictions", path, predictions))
@@ -84,11 +86,13 @@ def score_predictions(
 
 
 def _read_dataset(folder: Path) -> tuple[Layout, DatasetRecord]:
+    if (folder / PART).exists():
+        raise InputError(folder, "a whole dataset", "a part", "elitelanes merge joins the parts")
     try:
         about = read_dataset_record(folder / RECORD)
         layout = LAYOUTS[about["settings"]["format"]]
         complete = all(is_whole(about["pictures"][split]) for split in SPLITS)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         complete = False
     if not complete:
         got = "another one" if folder.exists() else "none"
@@ -255,7 +259,9 @@ def _score_boxes(folder: Path, predictions: Path, layout: Layout, split: int) ->
         judge.evaluate()
         judge.accumulate()
         judge.summarize()
-    return dict(zip(("AP", "AP50", "AP75"), map(float, judge.stats[:3]), strict=True))
+    # The package says -1 if the split has no object.
+    precisions = [value if value >= 0 else math.nan for value in judge.stats[:3].tolist()]
+    return dict(zip(("AP", "AP50", "AP75"), precisions, strict=True))
 
 
 def _read_results(file: Path, expected: "COCO") -> list[Plain]:

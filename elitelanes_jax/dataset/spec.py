@@ -154,9 +154,8 @@ class DatasetSpec(Record):
                     got += self.maps_from.describe_left_out()
                 expected = f"enough for one in the split {name}, {share:g} of them"
                 raise InputError(few, expected, got, "a split of 1 0 0 trains on all")
-        if self.camera is not None:
-            # The record is frozen, also for its own checks.
-            object.__setattr__(self, "transforms", for_camera(self.transforms))
+        # This raises an error if the transforms do not fit a camera.
+        ranges = self.ranges
         if self.part is not None and self.part[1] > self.maps:
             raise InputError("part", f"at most {self.maps} parts, one for each map", self.part[1])
         if self.part is not None and self.format in _SHARDS:
@@ -165,15 +164,15 @@ class DatasetSpec(Record):
         self._check_pixels()
         # Every crop has to be within the smallest map at the smallest scale.
         low = min(map(min, shapes))
-        smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
-        if self.transforms.crop > smallest:
+        smallest = low * self.pixels * min(1.0, ranges.scale[0])
+        if ranges.crop > smallest:
             raise InputError(
                 "transforms",
                 (
                     f"a crop within the smallest maps, {low} tiles of {self.pixels} pixels at the "
                     f"smallest scale, {smallest:g} pixels"
                 ),
-                self.transforms.crop,
+                ranges.crop,
             )
 
     def replace(self, **values: UserValue) -> Self:
@@ -225,7 +224,7 @@ class DatasetSpec(Record):
         if side > _LONGEST_SIDE:
             raise InputError(name, f"maps of at most {_LONGEST_SIDE} pixels a side", side)
         # A crop is the whole picture. A camera's picture has a size of its own.
-        area = self.transforms.crop**2 or max(map(prod, self.shapes)) * self.pixels**2
+        area = self.ranges.crop**2 or max(map(prod, self.shapes)) * self.pixels**2
         if area > _MOST_PIXELS and self.camera is None:
             expected = (
                 f"pictures of at most {_MOST_PIXELS} pixels, because Pillow reads no larger ones"
@@ -239,6 +238,11 @@ class DatasetSpec(Record):
         The default is 64, or 256 with a camera, which comes close to tiles.
         """
         return self.tile_px or (64 if self.camera is None else 256)
+
+    @property
+    def ranges(self) -> Transforms:
+        """The ranges of the views: `transforms`, with a camera those of light and pixels alone."""
+        return self.transforms if self.camera is None else for_camera(self.transforms)
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
@@ -264,7 +268,7 @@ class DatasetSpec(Record):
         del values["part"]
         return values | {
             "maps_from": self.maps_from and self.maps_from.digest,
-            "transforms": self.transforms.values(),
+            "transforms": self.ranges.values(),
             "camera": self.camera and self.camera.values(),
             "search": plain_spec(self.search),
             "tiles": self.tiles and str(self.tiles),
@@ -274,7 +278,13 @@ class DatasetSpec(Record):
 
 
 def describe_sides(size: Sequence[Sequence[int]]) -> str:
-    """Returns the smallest and the largest size in words, such as 3 x 4 to 5 x 4."""
+    """Returns the sizes of maps in words, such as 8 x 8 to 14 x 14.
+
+    If rows and columns vary apart, the words are 3 to 5 x 3 to 4.
+    """
+    if len(size) == 2 and all(low < high for low, high in size):
+        # Given maps may be 3 x 4 and 5 x 3. Then no map has the fewest rows and the fewest columns.
+        return " x ".join(f"{low} to {high}" for low, high in size)
     least, most = (f"{size[0][end]} x {size[-1][end]}" for end in (0, 1))
     return least if least == most else f"{least} to {most}"
 

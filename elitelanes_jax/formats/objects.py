@@ -5,7 +5,7 @@ Objects are signs, lights, buildings, vehicles and duckies.
 
 import re
 from collections.abc import Iterable, Mapping
-from math import hypot
+from math import cos, hypot, sin
 from typing import NamedTuple
 
 from elitelanes_jax._util.checks import check_named, is_flag, is_real, is_whole
@@ -137,6 +137,22 @@ class MapObject(NamedTuple):
         """Radius in metres of the smallest disc around the footprint."""
         length, width = self.footprint
         return length / 2 if self.is_round else hypot(length, width) / 2
+
+
+def corners_of(
+    x: float, y: float, half_length: float, half_width: float, angle: float
+) -> list[tuple[float, float]]:
+    """Returns the four corners of a rectangle, in its units, with y to the south.
+
+    `x` and `y` are its middle. `angle` is counter-clockwise from east, in radians, as seen from
+    above.
+    """
+    east, south = cos(angle), -sin(angle)
+    corners = []
+    for ahead, aside in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
+        length, width = ahead * half_length, aside * half_width
+        corners.append((x + length * east - width * south, y + length * south + width * east))
+    return corners
 
 
 class Standing(NamedTuple):

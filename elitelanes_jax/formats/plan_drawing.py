@@ -8,7 +8,7 @@ from math import cos, sin
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.types import Untyped
-from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.objects import MapObject, corners_of
 from elitelanes_jax.formats.tapes import TAPE_WIDTHS, tapes_of
 
 if TYPE_CHECKING:
@@ -113,21 +113,12 @@ def extent(item: MapObject, x: float, y: float, scale: float) -> list[tuple[floa
     A round object has no arrow, and has the corners of the square around it. `x` and `y` are the
     middle of the object, and `scale` turns metres into their unit.
     """
-    half_length = item.footprint[0] * scale / 2
-    half_width = item.footprint[1] * scale / 2
+    half_length, half_width = (side * scale / 2 for side in item.footprint)
     if item.is_round:
-        east, south = 1.0, 0.0
-    else:
-        east, south = cos(item.angle), -sin(item.angle)
-    points = []
-    for ahead, aside in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
-        length = ahead * half_length
-        width = aside * half_width
-        points.append((x + length * east - width * south, y + length * south + width * east))
-    if not item.is_round:
-        reach = half_length + _ARROW_AHEAD * scale
-        points.append((x + reach * east, y + reach * south))
-    return points
+        return corners_of(x, y, half_length, half_width, 0)
+    reach = half_length + _ARROW_AHEAD * scale
+    tip = x + reach * cos(item.angle), y - reach * sin(item.angle)
+    return [*corners_of(x, y, half_length, half_width, item.angle), tip]
 
 
 def _colour_of(item: MapObject) -> str:

@@ -391,7 +391,9 @@ def export(
       name: the name of the files, without suffix. Some files name others, or their map.
 
     Returns:
-      The content of each file, by its path in a folder. The same map gives the same bytes.
+      The content of each file, by its path in a folder. The same map gives the same bytes. For
+      scenarionet the command also writes the files that `formats.scenarionet.index_scenarios`
+      returns.
 
     Raises:
       InputError: for another format, a setting that the format does not have, a bad map, or a map

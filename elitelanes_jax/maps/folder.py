@@ -4,7 +4,7 @@ Each map has a picture and masks, and a sheet shows all maps.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, side_by_side
-from elitelanes_jax._util.types import OptionValue, Plain
+from elitelanes_jax._util.types import OptionValue, Plain, Untyped
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.faults import announce_without_room
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
@@ -160,19 +160,32 @@ def read_run_record(folder: Path) -> RunRecord:
 
 def foreign_to_maps(folder: Path) -> str | None:
     """Returns the first file in a folder that `generate` and `pick` did not write, or None."""
-    try:
-        run = read_run_record(folder)
-        if "elitelanes_jax" not in run["versions"]:
-            return f"{RECORD} of another program"
-    except FileNotFoundError:
-        return f"no {RECORD}"
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return f"{RECORD} of another program"
     # These are all files that `generate`, `pick` and `explore` write into such a folder.
     map_files = "|".join(map(re.escape, ["map.json", *_PICTURES, "instances.png"]))
-    written = re.compile(
+    written = (
         rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({map_files})"
     )
+    return foreign_to_record(folder, RECORD, lambda _: written)
+
+
+def foreign_to_record(
+    folder: Path, record_name: str, pattern_of: Callable[[Untyped], str]
+) -> str | None:
+    """Returns the first file that the package did not write into a folder with a record, or None.
+
+    `pattern_of` takes the content of the record, and returns a regular expression of the paths of
+    all files that the package writes there.
+    """
+    another = f"{record_name} of another program"
+    try:
+        record: Untyped = read_json(folder / record_name)
+        if "elitelanes_jax" not in record["versions"]:
+            return another
+        written = re.compile(pattern_of(record))
+    except FileNotFoundError:
+        return f"no {record_name}"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return another
     return foreign_file(folder, written.fullmatch)
 
 

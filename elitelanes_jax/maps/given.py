@@ -213,7 +213,12 @@ def _read_dataset(folder: Path) -> list[_SourceMap]:
         raise InputError(folder, "a whole dataset", "a part", "elitelanes merge joins the parts")
     # Splits and shards divide the samples over files, so they are put back in order.
     by_number: dict[int, _SourceMap] = {}
-    for file in sorted(folder.rglob("*.jsonl")):
+    files: list[Path] = []
+    # Each layout has the metadata in other files. A user may add files with the same suffix, such
+    # as predictions.
+    for pattern in ("maps.jsonl", "*/metadata.jsonl", "metadata/*.jsonl"):
+        files += folder.glob(pattern)
+    for file in sorted(files):
         lines = read_input(file, 1024 * MIB, "JSON").splitlines()
         try:
             for line in lines:

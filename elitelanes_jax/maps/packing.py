@@ -47,7 +47,7 @@ _ROUTES = ".rou.xml"
 # The lengths that `_trips` keeps, 8 bytes each: 128 MiB.
 _CACHED_LENGTHS = 2**24
 
-# The features in the table of a pack's README, if the maps have them.
+# The features in the table of a pack's README.
 _SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "lanes", "trip")
 
 
@@ -126,7 +126,13 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
     for to in spec.to:
         FORMATS[to].files(LOOP, "map", **settings)
     tiles = settings.get("tiles")
-    maps = parse_given(sources)
+    try:
+        maps = parse_given(sources)
+    except InputError as error:
+        # Most errors name a file or a map.
+        if error.subject:
+            raise
+        raise error.within("sources") from None
     towns = _split(spec, maps.maps)
     source: _PackSource = {
         "settings": spec.to_plain(),
@@ -471,11 +477,10 @@ def _table_of_splits(splits: Mapping[str, _SplitSize], rows: Sequence[Row]) -> l
         _table_row("niches", [numbers["niches"] for numbers in splits.values()]),
     ]
     for feature in _SHOWN:
-        if feature in rows[0]:
-            spreads = []
-            for split_rows in rows_of.values():
-                spreads.append(_spread([row[feature] for row in split_rows]))
-            lines.append(_table_row(feature, spreads))
+        spreads = []
+        for split_rows in rows_of.values():
+            spreads.append(_spread([row[feature] for row in split_rows]))
+        lines.append(_table_row(feature, spreads))
     return lines
 
 

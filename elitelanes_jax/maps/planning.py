@@ -109,7 +109,10 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
 
 
 def _lacks_crossings(search: Search) -> bool:
-    """Returns whether some maps may have no crossing, and need no sign."""
+    """Returns whether some maps may have no crossing, and need no sign.
+
+    The limit of the size is a rule of thumb, because larger maps may also be a single ring.
+    """
     if search.settings.fix is not None or sum(search.shape) <= 5:
         return True
     if set(CROSSINGS).isdisjoint(search.alphabet):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import RoadMap, measure, read_map
+from elitelanes_jax.cli.export import _names
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.road_map import map_to_json as map_json
@@ -109,6 +110,12 @@ def test_names_have_the_folders_that_tell_maps_apart(files, written, tmp_path, m
         RoadMap(GRID).save(file)
     assert main(["export", *files.split(), "--to", "opendrive", "--out", "out"]) == 0
     assert sorted(file.stem for file in Path("out").iterdir()) == sorted(written.split())
+
+
+def test_a_map_at_the_root_has_the_name_of_its_file():
+    """Its folder has no name, which ended in a StopIteration."""
+    file = Path(Path.cwd().anchor, "map.json")
+    assert _names([file]) == {file: "map"}
 
 
 def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):

@@ -87,7 +87,8 @@ def test_parts_have_it_too(tmp_path):
     make_dataset(spec, tmp_path / "whole")
     for number in (1, 2):
         make_dataset(small(part=(number, 2), **ROBOT), tmp_path / str(number))
-        assert f"Part {number} of 2" in described(tmp_path / str(number))["description"]
+        description = described(tmp_path / str(number))["description"]
+        assert f"Part {number} of 2" in description and "6 pictures of 6 road networks" in description
         sets = {entry["@id"] for entry in described(tmp_path / str(number))["recordSet"]}
         assert sets == {"splits", "image", "labels", "instances"}
     merge_dataset([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")

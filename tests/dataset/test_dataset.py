@@ -22,13 +22,14 @@ from refusals import refused
 from elitelanes_jax import DatasetSpec, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.dataset._card import sample_sheet
+from elitelanes_jax.dataset._card import _origin, sample_sheet
 from elitelanes_jax.dataset._layouts import write_sample
 from elitelanes_jax.dataset._plan import _Size
 from elitelanes_jax.dataset._samples import Sample
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.dataset._views import DrawnTransform, warp
+from elitelanes_jax.dataset.planning import plan_dataset
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network import canonical_form, plain_measure
@@ -98,6 +99,15 @@ def test_an_evolved_dataset_has_these_files(evolved):
     assert [name for name in row if f"`{name}`" not in card] == []
     assert len(forms) == 20
     assert sorted(sizes) == [(3, 4)] * 10 + [(4, 4)] * 10
+
+
+def test_the_card_has_fixed_cells_and_the_inventory():
+    search = SearchSpec(fix=[[6, None], [None, 9]], inventory="turn=4")
+    lines = _origin(plan_dataset(DatasetSpec(size=2, search=search)).identity)
+    assert "- tile codes that every map keeps: [[6, None], [None, 9]]" in lines
+    assert [
+        line for line in lines if line.startswith("- tiles that every map needs at most: {") and "'turn': 4" in line
+    ]
 
 
 @pytest.mark.parametrize(

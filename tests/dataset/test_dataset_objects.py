@@ -179,7 +179,9 @@ def test_layouts_have_the_boxes_and_masks(layout, maps, tmp_path):
     assert total > 3
     card = (out / "README.md").read_text()
     assert "image-segmentation, object-detection" in card and "- object set: objects" in card
-    if layout == "coco":
+    if layout == "imagefolder":
+        assert all(f"`{name}`" in card for name in rows[0])
+    else:
         check_coco(out, rows)
 
 

@@ -73,6 +73,13 @@ def test_wrong_labels_are_named(change, got, dataset, tmp_path):
 def test_wrong_folders_are_named(dataset, tmp_path):
     with refused(tmp_path, "another one", expected="folder"):
         score_predictions(tmp_path, tmp_path)
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "dataset.json").write_text("[" * 10**5)
+    with refused(tmp_path / "deep", "another one", expected="folder"):
+        score_predictions(tmp_path / "deep", tmp_path)
+    make_dataset(small(part=(1, 6)), tmp_path / "part")
+    with refused(tmp_path / "part", "a part", expected="a whole dataset"):
+        score_predictions(tmp_path / "part", tmp_path)
     labels = sorted((dataset / "test" / "labels").glob("*.png"))
     with refused(f"predictions: {labels[0].name}", "none"):
         score_predictions(dataset, tmp_path)
@@ -227,6 +234,11 @@ def test_boxes_are_scored_as_coco_does(detections, tmp_path, capsys):
     # A network that finds nothing.
     file.write_text("[]")
     assert score_predictions(out, file) == {"AP": 0, "AP50": 0, "AP75": 0}
+    # A split without objects.
+    shutil.copytree(out, tmp_path / "bare")
+    objects = tmp_path / "bare" / "annotations" / "objects_test.json"
+    objects.write_text(json.dumps(json.loads(objects.read_text()) | {"annotations": []}))
+    assert np.isnan([*score_predictions(tmp_path / "bare", file).values()]).all()
     assert not capsys.readouterr().out
 
 

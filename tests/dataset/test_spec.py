@@ -10,7 +10,7 @@ from refusals import refused
 from elitelanes_jax import DatasetSpec, SearchSpec
 from elitelanes_jax.dataset._transforms import STANDARD, Transforms
 from elitelanes_jax.dataset.planning import plan_dataset
-from elitelanes_jax.dataset.spec import maps_by_shape, maps_by_split
+from elitelanes_jax.dataset.spec import describe_sides, maps_by_shape, maps_by_split
 from elitelanes_jax.search.resolve import plain_spec, spec_from_plain
 from elitelanes_jax.search.settings import OPTIONS
 
@@ -58,6 +58,20 @@ def test_plain_values_are_json(tmp_path):
         back = DatasetSpec(**plain, search=one.search)
         assert back.replace(transforms=one.transforms) == one
         assert Transforms(**transforms | {"scale": tuple(transforms["scale"])}) == one.transforms
+
+
+def test_a_camera_that_is_removed_gives_back_the_positions_of_views():
+    for transforms in ("standard", "varied"):
+        spec = DatasetSpec(camera={"rows": 120}, transforms=transforms)
+        assert spec.to_plain()["transforms"]["rotation"] == spec.ranges.rotation == 0
+        assert spec.replace(camera=None) == DatasetSpec(transforms=transforms)
+
+
+def test_sizes_in_words_are_those_of_maps():
+    assert describe_sides(DatasetSpec(size="8..14").size) == "8 x 8 to 14 x 14"
+    assert describe_sides(DatasetSpec(size="3..4 5").size) == "3 x 5 to 4 x 5"
+    wide, high = [[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]], [[6, 5, 3], *[[10, 0, 10]] * 3, [12, 5, 9]]
+    assert describe_sides(DatasetSpec(maps_from=[wide, high], split=(1, 0, 0)).size) == "3 to 5 x 3 to 4"
 
 
 @pytest.mark.parametrize("count", [7, 10, 33, 1000])

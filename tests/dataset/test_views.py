@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from elitelanes_jax.dataset._transforms import STANDARD, VARIED, Transforms, parse_transforms
-from elitelanes_jax.dataset._views import draw_view, photograph, warp
+from elitelanes_jax.dataset._views import _middle_scale, draw_view, photograph, warp
 
 SIZES = st.tuples(st.integers(16, 90), st.integers(16, 90))
 STRONG = Transforms(quarter_turns=True, rotation=180, scale=(0.5, 2), perspective=0.1)
@@ -102,6 +102,17 @@ def test_a_picture_that_shrinks_is_the_mean_of_its_pixels():
     shown = warp(image, view_of(0, Transforms(scale=(0.25, 0.25)), (128, 128)))
     np.testing.assert_allclose(shown[52:76, 52:76], 100, atol=3)
     assert (shown[:40] == 0).all()
+
+
+@pytest.mark.parametrize("crop", [0, 40])
+@given(st.integers(0, 10**6))
+def test_the_scale_of_a_view_is_that_in_its_middle(crop, seed):
+    """The side of a square of one pixel there, also in perspective."""
+    view = view_of(seed, STRONG.replace(perspective=0.2, crop=crop), (90, 150))
+    middle = np.array([view.size[1] / 2, view.size[0] / 2])
+    corner, right, down = map_points(np.add([[0, 0], [0.01, 0], [0, 0.01]], middle), np.linalg.inv(view.matrix))
+    area = abs(np.linalg.det([right - corner, down - corner])) / 0.01**2
+    assert _middle_scale(view.matrix, view.size) == pytest.approx(area**-0.5, rel=1e-3)
 
 
 @given(st.integers(0, 10**6), st.floats(0.6, 2))

@@ -86,17 +86,22 @@ def test_several_maps_are_several(file):
 @pytest.mark.parametrize(
     ("content", "subject", "got"),
     [
-        (b"\xff", "...b.jsonl", "'utf-8' codec can't decode..."),
-        (b"[" * 100_000, "...b.jsonl", "maximum recursion..."),
-        (b'{"number": "b", "codes": [[6, 3], [12, 9]]}', "...b.jsonl", '{"number": "b", "codes": [[6, 3], [12, 9]]}'),
-        (b'{"number": 1, "codes": [[99]]}', "...b.jsonl: grid", "99 at A1 ([0, 0])"),
+        (b"\xff", "...data.jsonl", "'utf-8' codec can't decode..."),
+        (b"[" * 100_000, "...data.jsonl", "maximum recursion..."),
+        (
+            b'{"number": "b", "codes": [[6, 3], [12, 9]]}',
+            "...data.jsonl",
+            '{"number": "b", "codes": [[6, 3], [12, 9]]}',
+        ),
+        (b'{"number": 1, "codes": [[99]]}', "...data.jsonl: grid", "99 at A1 ([0, 0])"),
     ],
 )
 def test_bad_metadata_of_a_dataset_is_named(content, subject, got, tmp_path):
     (tmp_path / "dataset.json").touch()
-    (tmp_path / "a.jsonl").write_text('{"number": 0, "codes": [[6, 3], [12, 9]]}\n')
+    (tmp_path / "train").mkdir()
+    (tmp_path / "maps.jsonl").write_text('{"number": 0, "codes": [[6, 3], [12, 9]]}\n')
     assert parse_given(tmp_path).maps[0].codes.tolist() == [[6, 3], [12, 9]]
-    (tmp_path / "b.jsonl").write_bytes(content)
+    (tmp_path / "train" / "metadata.jsonl").write_bytes(content)
     with refused(subject, got):
         parse_given(tmp_path)
 

@@ -36,7 +36,7 @@ def test_a_floor_has_the_largest_map():
             assert floor_size(width - 1e-4, depth - 1e-4) == (rows - 1, columns - 1)
 
 
-@pytest.mark.parametrize("width", [0, -1, "wide", float("nan"), 10_001])
+@pytest.mark.parametrize("width", [0, -1, "wide", float("nan"), 601])
 def test_other_floors_are_refused(width):
     with refused("width", repr(width)):
         floor_size(width, 3)

@@ -263,6 +263,8 @@ def test_an_id_is_that_of_all_rotations_and_mirror_images(packed, tmp_path):
 def test_a_dataset_is_packed_as_its_maps_are(tmp_path):
     spec = DatasetSpec(maps_from=MAPS, tile_px=16, views=2)
     make_dataset(spec, tmp_path / "dataset")
+    # A user may keep other files in the folder, such as predictions.
+    (tmp_path / "dataset" / "found.jsonl").write_text('{"number": 0, "d": 0.02, "phi": -0.1}\n')
     assert parse_given(tmp_path / "dataset").left_out == 0
     pack(SPEC, tmp_path / "dataset", tmp_path / "pack")
     packed = rows(tmp_path / "pack" / "maps.csv")
@@ -325,6 +327,7 @@ def test_a_pack_is_replaced_only_by_force_and_alone(tmp_path):
 def test_what_cannot_be_packed_is_refused_before_anything_is_written(tmp_path):
     stub = RoadMap(np.array([[4, 1], [0, 0]]), niche=[0])
     for spec, maps, subject, got, expected in (
+        (SPEC, [], "sources", "none", "at least one map"),
         (SPEC, MAPS[:2], "split", "2 in all", ""),
         (SPEC.replace(split=(1, 0, 0)), [*MAPS, stub], "niche 2x2-00, map 16: grid", "none", "lane"),
     ):

@@ -31,9 +31,11 @@ def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
       depth: metres from north to south.
 
     Raises:
-      InputError: for anything else than metres, or a floor with room for fewer than 2 x 2 tiles.
+      InputError: for anything else than metres over 0 and up to 600, or a floor with room for fewer
+        than 2 x 2 tiles.
     """
-    metres = real(0, 10_000, unit="metres, a number", exclusive=True)
+    # A floor of 600 m has room for 1024 tiles a side, the most that a map has.
+    metres = real(0, 600, unit="metres, a number", exclusive=True)
     depth = check_named("depth", metres, depth)
     width = check_named("width", metres, width)
     margin = floor_margin()

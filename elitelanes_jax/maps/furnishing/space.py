@@ -5,13 +5,13 @@ Footprints of objects are on the cells without road, and objects keep clear of e
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from math import cos, floor, hypot, sin
+from math import floor, hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject, corners_of
 from elitelanes_jax.network.links import Cell
 
 Point = tuple[float, float]
@@ -39,14 +39,8 @@ def outline_of(thing: MapObject) -> list[Point]:
 
     If the object is round, they are the corners of the square around it.
     """
-    length, width = (side / 2 / TILE_SIZE for side in thing.footprint)
-    # The directions along and across the object. y points south.
-    along, across = (cos(thing.angle), -sin(thing.angle)), (sin(thing.angle), cos(thing.angle))
-    steps = [(u * length, v * width) for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
-    return [
-        (thing.x + u * along[0] + v * across[0], thing.y + u * along[1] + v * across[1])
-        for u, v in steps
-    ]
+    half_length, half_width = (side / 2 / TILE_SIZE for side in thing.footprint)
+    return corners_of(thing.x, thing.y, half_length, half_width, thing.angle)
 
 
 def _are_close(rectangle: Sequence[Point], other: Sequence[Point]) -> bool:

@@ -23,7 +23,7 @@ from elitelanes_jax.network.checks import LONGEST_SIDE
 
 # The largest amount of an object, the words for amounts, and the suffixes of files with objects.
 _LARGEST_AMOUNT = 100_000
-_AMOUNTS = "a share from 0 to 1, or a whole number"
+_AMOUNTS = "a share below 1, or a whole number"
 _FILES = (".toml", ".json", ".yaml")
 
 AS_MANY_AS_FIT = "a share below 1 places as many as fit"
@@ -62,8 +62,9 @@ class FurnishSpec(Record):
 
     An amount below 1 is a share of the cells without road: as many objects are placed, or as many
     as fit. A whole number, from 1, is a number of objects; if they do not all fit, an error says
-    so. All placed objects but those in lanes are on cells without road, and none overlaps another
-    one. Objects of your own may overlap each other.
+    so. Objects in lanes are on roads, and the street name of a turn is in the outer corner of the
+    turn's tile. All other placed objects are on cells without road. No placed object overlaps
+    another one. Objects of your own may overlap each other.
 
     Attributes:
       objects: objects of your own, which are placed first and as they are; see `MapObject`
