@@ -194,7 +194,7 @@ def _value_of(option: str, text: str) -> UserValue:
         return text == "True"
     for kind in (int, float):
         with suppress(ValueError):
+            # A text such as 007 is a name.
             if str(kind(text)) == text:
-                # A text such as 007 is a name.
                 return kind(text)
     return text

@@ -36,8 +36,8 @@ def add_explore(commands: Commands) -> None:
         "--out",
         type=file_ending(".html", ".htm"),
         metavar="FILE",
-        help=f"new file; by default {_PAGE} in the folder of the run, "
-        "or here for several runs and for maps",
+        help=f"new file; by default {_PAGE} in the folder that is given, "
+        "or here for several sources and for maps",
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_shared(

@@ -23,8 +23,8 @@ def add_metrics(commands: Commands) -> None:
         "metrics",
         _metrics,
         help="list all metrics, or show one",
-        description="Lists all metrics, shares and features of a town that --where, --axes and "
-        "--weights name, with known ranges on maps of 12 x 12 tiles; or shows one, with maps at "
+        description="Lists all metrics, shares and features of a town that --where and --axes name, and "
+        "--weights all but shares, with known ranges on maps of 12 x 12 tiles; or shows one, with maps at "
         "both ends of its range.",
     )
     command.add_argument(

@@ -226,7 +226,7 @@ def add_furnish(commands: Commands) -> None:
         nargs="+",
         metavar="WHAT",
         help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of "
-        "the cells without road, and a file .toml, .json or .yaml with objects of your own",
+        "the cells without road, lights=0.5: a share of the crossings, and a file .toml, .json or .yaml with objects of your own",
     )
     command.add_argument(
         "--unique-tags",
@@ -278,8 +278,10 @@ def _furnish(options: argparse.Namespace) -> int:
     warn_of_faults(str(options.out), furnished)
     placed = f"{pluralize(len(furnished.objects or ()), 'object')} in {options.out}"
     arms = crossings(furnished.codes)
-    if spec.signs != "none" and not any(has_free_corners(furnished.codes, tile) for tile in arms):
+    wanted = ["signs"] if spec.signs != "none" else []
+    wanted += ["lights"] if spec.lights else []
+    if wanted and not any(has_free_corners(furnished.codes, tile) for tile in arms):
         why = "each crossing has a road at a corner" if arms else "the map has no crossing"
-        placed += f"; no signs, because {why}"
+        placed += f"; no {' or '.join(wanted)}, because {why}"
     say(placed)
     return 0
