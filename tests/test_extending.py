@@ -311,8 +311,13 @@ def test_chosen_maps_have_a_float_fitness():
             "(1, <function <lambda> ...",
             "a weight and a Move",
         ),
-        ({"moves": {"mirror": np.array(3)}}, "moves", "an array in Annealed...", "plain numbers"),
-        ({"moves": {"mine": (jnp.int32(3), mark(3))}}, "moves", "an array in Annealed...", "plain numbers"),
+        ({"moves": {"mirror": np.array(3)}}, "moves", "an array, .annealing.moves.mirror", "plain numbers"),
+        (
+            {"moves": {"mine": (jnp.int32(3), mark(3))}},
+            "moves",
+            "an array, .annealing.moves.user_moves...",
+            "plain numbers",
+        ),
         (
             {"moves": {None: (1, mark(3))}},
             "moves",

@@ -465,7 +465,7 @@ WRONG = {
     },
     "pose: expected one Pose, got Pose(x=[0.5, 1.5]": lambda: lane_pose(GRID, Pose([0.5, 1.5], [0.5, 1.5], [0, 0])),
     "goal: expected one LaneNode, got LaneNode(": lambda: distances(GRID, LaneNode(*np.zeros((3, 2), int))),
-    "windows: expected one of limit": lambda: make("RoadNav", "no-map.json", windows=5),
+    "windows: expected one of count, seed, limit": lambda: make("RoadNav", "no-map.json", windows=5),
     "moves: expected mine to return int8 and bool (4, 4), got [((4, 4)": lambda: evolve(
         0, (4, 4), moves={"mine": (1, Move(1, lambda bits, grid, mate: grid))}
     ),

@@ -447,7 +447,7 @@ def test_the_program_is_named_as_it_can_be_started(monkeypatch):
             "--out: expected a name that ends in .pdf, .svg or .png, got 'my map",
         ),
         (["render", "town"], "--out: expected a folder for the pictures of town, which has no suffix to leave out"),
-        (["generate", "--floor", "1000", "1000", "--out", "maps"], "--floor: expected sides from 2 to 1024"),
+        (["generate", "--floor", "1", "4", "--out", "maps"], "--floor: expected at least 1.592"),
     ],
 )
 def test_a_message_names_the_argument_that_was_given(command, message, tmp_path, monkeypatch, capsys):

@@ -163,7 +163,7 @@ def test_fewer_cores_on_request(monkeypatch):
     assert choose_devices() == [CPU]
     use_cores(2**20)  # there are fewer
     assert choose_devices() == there
-    with refused("cores", "0"):
+    with refused("count", "0"):
         use_cores(0)
 
 

@@ -375,7 +375,7 @@ def test_a_search_inside_a_transformation_is_refused_with_what_to_do(transform):
         (
             {"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))},
             "config",
-            "an array in MapElitesConfig(...)",
+            "an array, .loop.tile_rate",
             "",
         ),
     ],
