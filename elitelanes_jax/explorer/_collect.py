@@ -43,9 +43,9 @@ def collect(
       what: a `Result`; a map or several, as `as_maps` takes them; a mapping from names to these, to
         show several side by side; or a path or several. A path is the folder of a run of `generate`
         or `pick`, a folder of such folders, an archive, or a file of maps.
-      tiles: a tile set or its folder; by default that of the first run whose tiles are found, or if
-        there is none the package's own, with a line on standard error. A relative path in a run's
-        record is searched from here, then from each folder above the run.
+      tiles: a tile set or its folder; by default that of the first run whose tiles are found. If
+        there is none, the package's own is used, with a line on standard error. A relative path in
+        a run's record is searched from here, then from each folder above the run.
       tile_px: side of a tile's picture in pixels, 16 to 512.
 
     Raises:

@@ -18,6 +18,7 @@ from elitelanes_jax.formats.plan import LONGEST_PLAN
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.tags import SIGN_TAGS, STREETS
 from elitelanes_jax.formats.tapes import REFERENCE, TAPE_WIDTHS, tapes_of
+from elitelanes_jax.network.records import Weights
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import COMPARED_PX, png_of, recall_choice, scale_tiles
@@ -102,6 +103,7 @@ def make_payload(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: 
         "tiles": _tile_values(tiles, tile_px),
         "objects": _object_values(),
         "plan": plan_values(),
+        "default_weights": Weights()._asdict(),
         # The first numbers that `choose_tiles` and `ObjectSet.choose` draw for seed 0.
         # The page draws edited maps as `render` would, and cannot run NumPy's generator.
         "lots": blob.add(np.random.default_rng(0).random(max(cells, _LEAST_LOTS)), "float64"),

@@ -17,7 +17,8 @@ from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.network.weighted_sum import fitness as weighted_sum
-from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
+from elitelanes_jax.problem.descriptor import Axis, niche_index, resolve_axes, tuned_axes
+from elitelanes_jax.problem.features import FEATURES
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
 
 if TYPE_CHECKING:
@@ -46,8 +47,9 @@ class ShownRun(NamedTuple):
       labels: a name for each grid, or None.
       maps: the chosen maps: the index of each among the grids, its name, and the map itself.
       history: the history of the run.
-      usual_fitness: whether the fitness is the weighted sum of features plus the penalty of ranges.
-      floors: the proven minimum of the usual fitness by cyclomatic number; None if none is known.
+      usual_fitness: whether the fitness is the weighted sum of metrics and features, without a
+        penalty of ranges.
+      floors: the proven minimum of the weighted sum by cyclomatic number; None if none is known.
       record: the entries of the run's record that are shown.
     """
 
@@ -88,7 +90,7 @@ def from_result(result: "Result", name: str) -> ShownRun:
         features[feature] = np.asarray(values)[valid]
     descriptor = np.asarray(elites.descriptor)[valid]
     has_usual_fitness = _has_usual_fitness(result)
-    # Certified minima are of the usual fitness alone.
+    # Certified minima are of the usual fitness alone. A penalty of ranges is never negative.
     floors = None
     if has_usual_fitness:
         floors = _floors(search)
@@ -105,7 +107,8 @@ def from_result(result: "Result", name: str) -> ShownRun:
         niche=np.asarray(niche_index(descriptor, search.axes), np.int32),
         features=features,
         history=result.history,
-        usual_fitness=has_usual_fitness,
+        # The page computes the fitness of drawn maps, but not the penalty of ranges.
+        usual_fitness=has_usual_fitness and not search.ranges,
         floors=floors,
         record={"settings": {"search": search.to_plain()}},
     )
@@ -255,7 +258,7 @@ def read_run(folder: Path) -> ShownRun:
         if len(runs) > 1:
             expected = "maps of one size, as a run writes them"
             raise InputError(folder, expected, "several")
-        run = runs[0]._replace(name=name)
+        run = _with_recorded_axes(runs[0]._replace(name=name), record, file)
     else:
         raise InputError(folder, "an archive.npz or maps beside run.json", "neither")
     # The record may have entries that the page does not know.
@@ -314,6 +317,37 @@ def _with_chosen(run: ShownRun, chosen: Sequence[tuple[str, RoadMap]]) -> ShownR
         if elite is not None:
             maps.append((elite, name, road_map))
     return run._replace(maps=tuple(maps))
+
+
+def _with_recorded_axes(run: ShownRun, record: dict[str, Plain], file: Path) -> ShownRun:
+    """Returns a run of maps in the niches of the record, which is from `file`.
+
+    The niches stay as they are if the record has no axes, or if a map lacks its values on them.
+    """
+    if "axes" not in record:
+        return run
+    height, width = run.grids.shape[1:]
+    try:
+        axes = resolve_axes(record["axes"], (height, width), None)
+    except InputError:
+        got = shorten(json.dumps(record["axes"]))
+        raise InputError(file, "the axes of a run", got) from None
+    values = []
+    for _, _, road_map in run.maps:
+        by_name = road_map.descriptor or {}
+        values.append([by_name.get(axis.metric) for axis in axes])
+    descriptor = np.array(values)
+    # A missing value is None, and a map of a user may have fractions.
+    if descriptor.dtype.kind != "i":
+        return run
+    descriptor = descriptor.astype(np.int32)
+    # The page cannot measure other features, so it gets their values.
+    features = {}
+    for index, axis in enumerate(axes):
+        if axis.metric not in FEATURES:
+            features[axis.metric] = descriptor[:, index]
+    niche = np.asarray(niche_index(descriptor, axes), np.int32)
+    return run._replace(axes=axes, features=features, niche=niche)
 
 
 def setting(run: ShownRun, name: str) -> Plain:

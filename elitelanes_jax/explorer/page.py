@@ -35,9 +35,9 @@ def explore(
         show several side by side; or a path or several. A path is the folder of a run of `generate`
         or `pick`, a folder of such folders, an archive, or a file of maps.
       out: the file, new.
-      tiles: folder of the tile pictures; by default the first run's. If it is not found, the
-        package's own is used, with a line on standard error. A relative path in a run's record is
-        searched from here, then from each folder above the run.
+      tiles: folder of the tile pictures; by default that of the first run whose tiles are found. If
+        there is none, the package's own is used, with a line on standard error. A relative path in
+        a run's record is searched from here, then from each folder above the run.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       force: whether an earlier page is replaced.
 

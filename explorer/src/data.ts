@@ -85,6 +85,7 @@ export interface Values {
   readonly tiles: TileValues;
   readonly objects: ObjectValues;
   readonly plan: PlanValues;
+  readonly default_weights: Weights;
   readonly lots: ArrayRef;
   readonly runs: readonly RunValues[];
 }
@@ -109,6 +110,7 @@ export interface Data {
   readonly tiles: TileValues;
   readonly objects: ObjectValues;
   readonly plan: PlanValues;
+  readonly defaultWeights: Weights;
   readonly lots: Float64Array;
   readonly runs: readonly Run[];
 }
@@ -149,6 +151,7 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
     tiles: values.tiles,
     objects: values.objects,
     plan: values.plan,
+    defaultWeights: values.default_weights,
     lots: read("float64", values.lots),
     runs,
   };
@@ -175,9 +178,9 @@ export class Run {
   readonly alphabet: number;
   readonly labels: readonly string[] | null;
   readonly record: Readonly<Record<string, unknown>>;
-  /** Whether the fitness is the weighted sum of features plus the penalty of ranges. */
+  /** Whether the fitness is the weighted sum of metrics and features, without a penalty of ranges. */
   readonly usualFitness: boolean;
-  /** The proven minimum of the usual fitness by cyclomatic number, null if none is known. */
+  /** The proven minimum of the weighted sum by cyclomatic number, null if none is known. */
   readonly floors: ReadonlyMap<number, number> | null;
   /** The number of elites. */
   readonly count: number;

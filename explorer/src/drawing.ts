@@ -1,6 +1,7 @@
 /** Maps as vectors for a canvas or an SVG file. The unit is a tile, x points east, y points south. */
 import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/codes";
 import { countFaces, findFaces } from "./network/faces";
+import { isReturned, roadEnds } from "./network/links";
 import { gridlockLoop } from "./network/loops";
 import { baseKind, footprint, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
 import { DISTINCT, objectColour } from "./colours";
@@ -103,10 +104,7 @@ export function mapShapes(grid: Grid, { ground = true, lanes = true } = {}): Sha
     middles += tilePath(code, x, y, connections > 2 ? 0.3 : 0);
     for (const side of SIDES) {
       if (!(code & side.bit)) continue;
-      const r = row + side.down;
-      const c = column + side.right;
-      const returned = r >= 0 && r < height && c >= 0 && c < width && codes[r * width + c] & side.opposite;
-      if (!returned) ends += bar(x + side.right * 0.47, y + side.down * 0.47, side.right === 0);
+      if (!isReturned(grid, cell, side)) ends += bar(x + side.right * 0.47, y + side.down * 0.47, side.right === 0);
       if (connections === 1) ends += bar(x - side.right * 0.12, y - side.down * 0.12, side.right === 0);
     }
   });
@@ -181,11 +179,10 @@ export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes
   }
   if (shown.has("dead_ends")) {
     let d = "";
-    codes.forEach((_, cell) => {
-      if (!isDeadEnd(grid, cell)) return;
+    for (const cell of roadEnds(grid)) {
       const [x, y] = middle(cell);
       d += line(x - 0.24, y - 0.24, x + 0.24, y + 0.24) + line(x - 0.24, y + 0.24, x + 0.24, y - 0.24);
-    });
+    }
     shapes.push({ d, stroke: "#fff", width: 0.24, cap: "round" });
     shapes.push({ d, stroke: OVERLAY_COLOURS.dead_ends, width: 0.13, cap: "round" });
   }
@@ -230,19 +227,6 @@ function squares(circles: string): string {
     /a([\d.]+) [^M]*/g,
     (_, radius: string) => `l${radius} -${radius}l${radius} ${radius}l-${radius} ${radius}Z`,
   );
-}
-
-function isDeadEnd({ height, width, codes }: Grid, cell: number): boolean {
-  const code = codes[cell];
-  const row = Math.floor(cell / width);
-  const column = cell % width;
-  if (CONNECTIONS[code] === 1) return true;
-  return SIDES.some((side) => {
-    const r = row + side.down;
-    const c = column + side.right;
-    const inside = r >= 0 && r < height && c >= 0 && c < width;
-    return !!(code & side.bit) && !(inside && codes[r * width + c] & side.opposite);
-  });
 }
 
 /** Fills and numbers the inner faces. Neighbouring faces have different colours. */

@@ -37,10 +37,9 @@ export function cellOf(run: Run, layout: Layout, niche: number): [row: number, c
   return [layout.down.reduce((row, axis) => row * run.axes[axis].bins + bins[axis], 0), bins[layout.across]];
 }
 
-/** Returns the first row of the target niches and the row after the last, or null without targets. */
-export function targetRows(run: Run, layout: Layout): [number, number] | null {
+/** Returns the row of the target niches, or null without targets. */
+export function targetRowOf(run: Run, layout: Layout): number | null {
   const down = layout.down.map((axis) => run.axes[axis]);
   if (!down.length || run.axes[layout.across].target !== null || down.some((axis) => axis.target === null)) return null;
-  const row = down.reduce((row, axis) => row * axis.bins + axis.target!, 0);
-  return [row, row + 1];
+  return down.reduce((row, axis) => row * axis.bins + axis.target!, 0);
 }

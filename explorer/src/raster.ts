@@ -1,6 +1,7 @@
 /** Draws large maps, whose tiles have few pixels, pixel by pixel: drawing a million paths would take a minute. */
 import { GROUND, END, mapShapes, paint, ROAD } from "./drawing";
 import { SIDES, type Grid } from "./network/codes";
+import { isReturned } from "./network/links";
 
 /** The least number of screen pixels of a tile that is drawn as paths. */
 const LEAST_PIXELS = 3;
@@ -38,10 +39,7 @@ function rasterOf(grid: Grid): HTMLCanvasElement {
     pixels[middle] = road;
     for (const side of SIDES) {
       if (!(code & side.bit)) continue;
-      const [r, c] = [row + side.down, column + side.right];
-      const isInside = r >= 0 && r < height && c >= 0 && c < width;
-      const isReturned = isInside && codes[r * width + c] & side.opposite;
-      pixels[middle + side.down * canvas.width + side.right] = isReturned ? road : end;
+      pixels[middle + side.down * canvas.width + side.right] = isReturned(grid, cell, side) ? road : end;
     }
   });
   context.putImageData(picture, 0, 0);

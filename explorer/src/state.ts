@@ -62,6 +62,14 @@ export const START: View = {
   shelf: null,
 };
 
+/** Returns the change of a view that opens a run. The ranges stay only if the run stays, because they are of its maps. */
+export const openRun = (view: View, run: number, map: number | null = null): Partial<View> => ({
+  run,
+  map,
+  niche: null,
+  where: run === view.run ? view.where : START.where,
+});
+
 /** Writes a view as the part of an address after the #, without fields at their start values. */
 export function toHash(view: View): string {
   const words: Record<string, string> = {

@@ -3,8 +3,21 @@ import { expect, test } from "vitest";
 import { advanced, begun, redone, undone } from "../src/hands/history";
 import { moved, openSides, pack, painted, stroked, unpack, type Colour } from "../src/hands/masks";
 import { areConvex, outlineOf, pixelOf, viewOf, type Point } from "../src/hands/view";
-import { joined, KINDS, kindOfCode, sureCells, withCode, type Proposal, type Tile } from "../src/hands/work";
+import {
+  allColoured,
+  corrected,
+  joined,
+  KINDS,
+  kindOfCode,
+  refitted,
+  sureCells,
+  withCode,
+  type Photograph,
+  type Proposal,
+  type Tile,
+} from "../src/hands/work";
 import { rotateCode } from "../src/network/codes";
+import { wholeNumber } from "../src/parts/Controls";
 
 const CORNERS: readonly Point[] = [
   [120, 80],
@@ -128,6 +141,48 @@ test("a corrected cell is sure", () => {
   expect(sureCells(proposal)).toBe(1);
   const corrected = withCode(proposal, 0, 0, 10);
   expect([corrected.codes, sureCells(corrected), proposal.codes[0][0]]).toEqual([[[10, 6, 0]], 2, 5]);
+});
+
+test("a kind that is set during a fit stays, unless the fit has another size", () => {
+  const proposal = { codes: [[5, 6]], sure: [[0.2, 0.9]] } as unknown as Proposal;
+  const photograph = { name: "floor", rows: 1, columns: 2, proposal } as unknown as Photograph;
+  const changed = corrected(photograph, 0, 0, 10);
+  const fit = { codes: [[3, 9]], sure: [[0.2, 0.9]] } as unknown as Proposal;
+  expect(refitted(changed, 1, 2, fit).proposal!.codes).toEqual([[10, 9]]);
+  expect(refitted(changed, 2, 1, fit)).toMatchObject({ rows: 2, proposal: fit, corrected: [] });
+});
+
+test("one colour for all tiles keeps what was changed while its masks were computed", () => {
+  const red: Colour = [
+    [165, 10],
+    [100, 255],
+    [90, 200],
+  ];
+  const tile = (id: string) => ({ id, side: 1, base: {}, strokes: {}, colours: {}, byColours: {} }) as unknown as Tile;
+  const strokes = { red: Int8Array.of(1) };
+  const now = [{ ...tile("a"), kind: "turn", leftOut: true, strokes } as unknown as Tile, tile("c")];
+  const bits = new Map(["a", "b"].map((id) => [id, pack(Uint8Array.of(1))]));
+  const [first, second] = allColoured(now, "red", red, bits);
+  expect(first).toMatchObject({
+    kind: "turn",
+    leftOut: true,
+    strokes,
+    colours: { red },
+    base: { red: Uint8Array.of(1) },
+  });
+  expect(second).toBe(now[1]);
+});
+
+test.each([
+  ["4", 4],
+  ["40", 40],
+  ["", null],
+  ["0", null],
+  ["41", null],
+  ["44444", null],
+  ["2.5", null],
+])("of the entry %j for the rows, the number is %s", (text, number) => {
+  expect(wholeNumber(text, 1, 40)).toBe(number);
 });
 
 test("new tiles with names that are taken get the next ones", () => {

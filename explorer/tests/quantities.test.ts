@@ -1,8 +1,11 @@
 /** Quantities that are not whole: how they are written, ranged and coloured. */
 import { expect, test } from "vitest";
-import { quantileOf } from "../src/data";
+import { quantileOf, type Run } from "../src/data";
+import { describe } from "../src/parts/HeatMap";
 import { scaleOf } from "../src/parts/Legend";
-import { fromHash, START, toHash } from "../src/state";
+import { weightsText } from "../src/parts/WeightSliders";
+import { fromHash, openRun, START, toHash } from "../src/state";
+import { filterText, histogram } from "../src/views/Maps";
 import { markText, number, valueText } from "../src/words";
 
 test.each([
@@ -68,4 +71,39 @@ test("a scale of fractions has fractions, a scale of whole numbers has none", ()
 
 test.each([1e-12, 1, 1e12])("half of the values that equal one are below it, at a scale of %d", (unit) => {
   expect(quantileOf(Float64Array.of(unit, 2 * unit, 2 * unit, 3 * unit), 2 * unit)).toBe(0.5);
+});
+
+test("the text of the ranges has those that filter the run", () => {
+  const run = { quantities: ["fitness", "crossings", "corners", "symmetry"] } as unknown as Run;
+  const range = [2, 250] as const;
+  expect(filterText(run, { crossings: range, corners: range, largest_block: range, symmetry: range })).toBe(
+    "crossings=2..250 symmetry=0.002..0.25",
+  );
+});
+
+test("another run begins without ranges, the same one keeps them", () => {
+  const view = { ...START, run: 1, where: { crossings: [2, 5] } } as const;
+  expect(openRun(view, 0)).toEqual({ run: 0, map: null, niche: null, where: {} });
+  expect(openRun(view, 1, 7)).toEqual({ run: 1, map: 7, niche: null, where: view.where });
+});
+
+test("bars count whole numbers and fractions, and a single value has none", () => {
+  expect(histogram(Float64Array.of(0, 1, 1, 3), 0, 3, 1)).toEqual([1, 2, 0, 1]);
+  expect(histogram(Float64Array.of(0.5, 0.5), 0.5, 0.5, 0)).toEqual([]);
+});
+
+test("a niche whose value is not known is not vacant", () => {
+  const axis = { metric: "crossings", bins: 2, width: 3, start: 0, target: null };
+  const run = { axes: [axis] } as unknown as Run;
+  expect(describe(run, 0, "above_floor", NaN, 4)).toBe("Not known here: Crossings 0–2");
+  expect(describe(run, 1, "above_floor", NaN, -1)).toBe("Vacant: Crossings 3+");
+  expect(describe(run, 0, "above_floor", 12, 4)).toBe("Above the proven floor 12: Crossings 0–2");
+});
+
+test("the text of the weights has the run's own and the changed ones", () => {
+  const defaults = { crossings: 0, bridges: 100, tiles: 0 };
+  const usual = { ...defaults, bridges: 7, symmetry: -3 };
+  const names = [...Object.keys(defaults), "symmetry"];
+  expect(weightsText(names, { ...usual, crossings: 500 }, usual, defaults)).toBe("crossings=500 bridges=7 symmetry=-3");
+  expect(weightsText(names, { ...usual, bridges: 100 }, usual, defaults)).toBe("bridges=100 symmetry=-3");
 });

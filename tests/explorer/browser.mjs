@@ -403,7 +403,8 @@ async function strokes(page, tiles, row) {
   await page.waitForSelector(".metrics details[open] td");
   const values = await page.$$eval(".metrics tr", (rows) => Object.fromEntries(rows.map((row) => [row.children[0].textContent, row.children[1].textContent])));
   await tab(page, "Draw");
-  seen.own = { kept, where, note, legend, values, drawn: await page.textContent(".total b"), left: await page.textContent(".total + .note") };
+  const total = await page.textContent(".total span");
+  seen.own = { kept, where, note, legend, values, total, drawn: await page.textContent(".total b"), left: await page.textContent(".total + .note") };
   await page.context().close();
 }
 

@@ -66,6 +66,21 @@ await button("Undo").click();
 await button("Undo").click();
 await settle();
 seen.cells.push(await cell());
+
+// A field refuses what is no number of rows. With fewer rows, another tile is selected.
+const rows = page.getByLabel("Rows");
+await rows.fill("44444");
+await rows.press("Enter");
+await settle();
+seen.rows = [await page.textContent(".message"), await rows.inputValue()];
+await page.locator('[data-cell="2,1"]').focus();
+await rows.fill("2");
+await Promise.all([page.waitForResponse((answer) => answer.url().endsWith("/fit")), rows.press("Enter")]);
+await idle();
+seen.rows.push(await cell());
+await button("Undo").click();
+await page.locator('[data-cell="1,1"]').focus();
+await settle();
 await look("photograph");
 seen.cut = await page.textContent(".main >> nth=1");
 await page.locator(".side .main").click();
@@ -122,6 +137,13 @@ await look("saved");
 const [download] = await Promise.all([page.waitForEvent("download"), button("Zip").click()]);
 seen.zip = download.suggestedFilename();
 await download.saveAs(process.argv[4]);
+
+// Finish warns of each change again.
+await button("Leave out").click();
+await button("Finish").click();
+seen.warnedAgain = await page.textContent(".message");
+await button("Undo").click();
+await settle();
 
 // A page that is loaded again begins with the saved masks, and says that the one with the stroke is not of the sliders.
 const note = page.getByText("This mask was not made from these colours", { exact: false });

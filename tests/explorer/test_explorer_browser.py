@@ -216,6 +216,7 @@ def test_features_beside_the_metrics_are_shown_filtered_and_saved(seen, folder):
     assert own["values"]["Mean detour"] == f"{town.mean_detour / 1000:.2f}"
     assert own["values"]["Repetition"] == f"{round(town.repetition / 10)} %"
     assert own["drawn"].replace("−", "-").replace(",", "") == str(elites.fitness[best] - 50 * corners[best])
+    assert own["total"] == "Weighted sum"
     assert own["left"] == "Corners: only a search can measure it; the sum here leaves it out."
 
 
@@ -233,8 +234,7 @@ def test_a_float_fitness_is_shown_filtered_and_saved_with_its_fractions(seen, fo
     assert re.search(r"fitness −?\d\.\d+$", shown["head"])
     assert "Above the proven floor" not in shown["quantities"]
     assert (shown["total"], shown["row"]) == ("Weighted sum", "–")
-    note = "The recorded fitness has other weights, or is a user's function. Only a search can compute it."
-    assert shown["note"] == note
+    assert shown["note"].startswith("The recorded fitness adds a penalty of ranges, has other weights, or is a user's")
     assert read_map(folder / "float-drawn.json").fitness is None
 
 

@@ -229,7 +229,7 @@ def fractional(metrics, usual):
     ("options", "dtype", "is_usual", "floors"),
     [
         ({}, "int32", True, True),
-        ({"where": ["crossings=6", "bridges=2"]}, "int32", True, True),
+        ({"where": ["crossings=6", "bridges=2"]}, "int32", False, True),
         ({"weights": {"symmetry": -1}}, "int32", True, False),
         ({"fitness": fractional}, "float32", False, False),
     ],
@@ -297,6 +297,29 @@ def test_a_map_file_with_other_weights_has_another_fitness_than_the_usual_one(ru
     for fitness, is_usual in ((usual, True), (usual - 7, False), (None, True)):
         payload = collect([replace(road_map, fitness=fitness)])
         assert payload.values["runs"][0]["usual_fitness"] is is_usual
+
+
+def test_the_page_computes_no_fitness_that_has_a_penalty_of_ranges():
+    for where, is_usual in (([], True), (["crossings=6"], False)):
+        result = evolve(0, (4, 4), method="ea", preset="paper", generations=2, where=where)
+        assert collect(result).values["runs"][0]["usual_fitness"] is is_usual
+
+
+def test_picked_maps_are_in_the_niches_that_they_were_picked_from(run, tmp_path):
+    """The page cannot measure the shares of towns, so their values are in it."""
+    line = f"pick {run / 'archive.npz'} --maps 3 --at-most --axes crossings:4 symmetry:5 --tile-px 16 --quiet --out"
+    assert main([*line.split(), str(tmp_path / "picked")]) == 0
+    payload = collect(tmp_path / "picked")
+    (shown,) = payload.values["runs"]
+    blob = zlib.decompress(payload.blob)
+    assert shown["axes"] == json.loads((tmp_path / "picked" / "run.json").read_text())["axes"]
+    maps = [read_map(tmp_path / "picked" / "maps" / one["name"] / "map.json") for one in shown["maps"]]
+    assert read_array(shown["niche"], blob).tolist() == [5 * one.niche[0] + one.niche[1] for one in maps]
+    symmetry = read_array(shown["features"]["symmetry"], blob).tolist()
+    assert symmetry == [one.descriptor["symmetry"] for one in maps]
+    change_json(tmp_path / "picked" / "run.json", axes=[{"metric": "crossings", "bins": 0}])
+    with refused(tmp_path / "picked" / "run.json", '[{"metric": "crossings", "bins": 0}]'):
+        collect(tmp_path / "picked")
 
 
 def test_results_stand_side_by_side():

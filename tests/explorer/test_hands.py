@@ -401,6 +401,9 @@ def test_corners_masks_and_undo_in_a_browser(tmp_path):
     assert seen["looks"] == [0, 1, 0, 3, 4, 5, 3]
     assert seen["reaches"] == ["The road reaches no side, which is no tile, not a turn."]
     assert seen["warned"].startswith("There are changes that are not saved")
+    assert seen["warnedAgain"] == seen["warned"]
+    assert seen["rows"][:2] == ["Expected a whole number from 1 to 40, got 44444", "3"]
+    assert seen["rows"][2].startswith("B2: ")
     assert seen["saved"] == "Saved 9 tiles in mine" and seen["problems"].endswith("No problems.")
     assert (seen["zip"], seen["notes"]) == ("mine.zip", [0, 1, 1])
     assert files(tmp_path / "unpacked" / "mine") == files(tmp_path / "mine")

@@ -1,7 +1,7 @@
 /** The masks of a tile: sliders of colour, a brush, and what the road reaches. */
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { SIDES } from "../network/codes";
-import { Choice, Segments, Switch } from "../parts/Controls";
+import { Choice, Segments, stepOf, Switch } from "../parts/Controls";
 import { moved, openSides, stroked, type Colour, type MaskName } from "./masks";
 import { ask, coloured, kindOfCode, KINDS, kindWord, masksOf, type Tile } from "./work";
 
@@ -20,17 +20,11 @@ const PARTS = [
   ["Saturation", 255],
   ["Value", 255],
 ] as const;
-const STEPS: Readonly<Record<string, readonly [number, number]>> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, -1],
-  ArrowDown: [0, 1],
-};
 
 interface Props {
   readonly tile: Tile;
-  /** Replaces the tile. Steps of one name that follow each other are undone together. */
-  readonly onChange: (tile: Tile, step?: string) => void;
+  /** Changes the tile as it is then. Steps of one name that follow each other are undone together. */
+  readonly onChange: (make: (tile: Tile) => Tile, step?: string) => void;
   readonly onColours: (mask: MaskName, colour: Colour) => void;
   readonly say: (text: string) => void;
 }
@@ -79,10 +73,8 @@ export function MaskView({ tile, onChange, onColours, say }: Props) {
   const [pending, setPending] = useState<Colour | null>(null);
   const [cursor, setCursor] = useState<readonly [number, number] | null>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
-  const stroke = useRef<{ before: Tile; last: readonly [number, number]; name: string } | null>(null);
+  const stroke = useRef<{ last: readonly [number, number]; name: string } | null>(null);
   const wanted = useRef(0);
-  const current = useRef(tile);
-  current.current = tile;
   const picture = usePicture(tile.id);
   const { side } = tile;
   const colour = pending ?? tile.colours[mask];
@@ -100,7 +92,7 @@ export function MaskView({ tile, onChange, onColours, say }: Props) {
       const colours = { ...tile.colours, [mask]: next };
       const bits = await ask<string>("mask", { id: tile.id, mask, colours });
       if (request !== wanted.current) return;
-      onChange(coloured(current.current, mask, next, bits), `colours ${tile.id} ${mask}`);
+      onChange((now) => coloured(now, mask, next, bits), `colours ${tile.id} ${mask}`);
     } catch (error) {
       say((error as Error).message);
     }
@@ -112,15 +104,15 @@ export function MaskView({ tile, onChange, onColours, say }: Props) {
   };
   const draw = (from: readonly [number, number], to: readonly [number, number], name: string) => {
     const value = tool === "paint" ? 1 : -1;
-    const latest = current.current;
-    const strokes = { ...latest.strokes, [mask]: stroked(latest.strokes[mask], side, from, to, radius, value) };
-    current.current = { ...latest, strokes };
-    onChange(current.current, name);
+    onChange(({ strokes, ...now }) => {
+      const changed = stroked(strokes[mask], side, from, to, radius, value);
+      return { ...now, strokes: { ...strokes, [mask]: changed } };
+    }, name);
   };
   const down = (event: PointerEvent) => {
     if (event.button) return;
     canvas.current!.setPointerCapture(event.pointerId);
-    stroke.current = { before: tile, last: place(event), name: `stroke ${performance.now()}` };
+    stroke.current = { last: place(event), name: `stroke ${performance.now()}` };
     setCursor(null);
     draw(stroke.current.last, stroke.current.last, stroke.current.name);
   };
@@ -133,7 +125,7 @@ export function MaskView({ tile, onChange, onColours, say }: Props) {
   const up = () => (stroke.current = null);
   const keys = (event: KeyboardEvent) => {
     const at = cursor ?? [side / 2, side / 2];
-    const step = STEPS[event.key] as readonly [number, number] | undefined;
+    const step = stepOf(event);
     if (step) {
       const reach = Math.max(1, radius / 2);
       const next = [at[0] + step[0] * reach, at[1] + step[1] * reach].map((part) => Math.min(Math.max(part, 0), side));
@@ -217,9 +209,9 @@ export function MaskView({ tile, onChange, onColours, say }: Props) {
             label="Kind"
             value={tile.kind}
             options={Object.keys(KINDS).map((kind) => [kind, kindWord(kind)] as const)}
-            onChange={(kind) => onChange({ ...tile, kind })}
+            onChange={(kind) => onChange((now) => ({ ...now, kind }))}
           />
-          <Switch on={tile.leftOut} onChange={(leftOut) => onChange({ ...tile, leftOut })}>
+          <Switch on={tile.leftOut} onChange={(leftOut) => onChange((now) => ({ ...now, leftOut }))}>
             Leave out
           </Switch>
         </div>
@@ -256,7 +248,7 @@ export function MaskView({ tile, onChange, onColours, say }: Props) {
           <button
             type="button"
             disabled={!tile.strokes[mask]}
-            onClick={() => onChange({ ...tile, strokes: { ...tile.strokes, [mask]: null } })}
+            onClick={() => onChange((now) => ({ ...now, strokes: { ...now.strokes, [mask]: null } }))}
           >
             Remove brush strokes
           </button>

@@ -2,26 +2,34 @@
 import { useRef, useState } from "preact/hooks";
 import { cellName, columnName } from "../network/cells";
 import { KIND_OF, SIDES } from "../network/codes";
-import { Choice, Switch } from "../parts/Controls";
+import { Choice, stepOf, Switch, WholeNumber } from "../parts/Controls";
 import { areConvex, outlineOf, pixelOf, viewOf, type Point, type View } from "./view";
-import { ask, kindOfCode, KINDS, kindWord, sureCells, SURE, withCode, type Photograph, type Proposal } from "./work";
+import {
+  ask,
+  corrected,
+  kindOfCode,
+  KINDS,
+  kindWord,
+  refitted,
+  sureCells,
+  SURE,
+  type Photograph,
+  type Proposal,
+} from "./work";
 
-const STEPS: Readonly<Record<string, Point>> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, -1],
-  ArrowDown: [0, 1],
-};
 const CORNER_NAMES = ["first", "second", "third", "fourth"];
 /** How far inside the floor the names of its columns and rows are, in tiles. */
 const BORDER = 0.12;
 /** Milliseconds after the last key until a moved corner is fitted. */
 const PAUSE = 900;
+/** The most rows and columns of tiles on a photograph. */
+const MOST_TILES = 40;
 
 interface Props {
   readonly photograph: Photograph;
   readonly index: number;
-  readonly onChange: (photograph: Photograph) => void;
+  /** Changes the photograph as it is then. */
+  readonly onChange: (make: (photograph: Photograph) => Photograph) => void;
   readonly onCut: (proposal: Proposal) => void;
   readonly say: (text: string) => void;
 }
@@ -39,27 +47,29 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
   const [snaps, setSnaps] = useState(true);
   const [busy, setBusy] = useState(false);
   const [dragged, setDragged] = useState<readonly Point[] | null>(null);
-  const [[row, column], setCell] = useState<readonly [number, number]>([0, 0]);
+  const [cell, setCell] = useState<readonly [number, number]>([0, 0]);
+  // Fewer rows or columns may lack the selected cell.
+  const [row, column] = [Math.min(cell[0], rows - 1), Math.min(cell[1], columns - 1)];
   const picture = useRef<SVGSVGElement>(null);
   const grabbed = useRef(-1);
   const timer = useRef(0);
   const corners = dragged ?? cornersOf(photograph);
   const view: View = dragged || !proposal ? viewOf(corners, rows, columns, width, height) : proposal;
 
-  /** Asks for a fit near corners, or without any; keeps the kinds that the user has set if the size is the same. */
+  /** Asks for a fit near corners, or without any. */
   const fit = async (near: readonly Point[] | null, size: readonly [number, number] = [rows, columns]) => {
+    // A corner that was moved just before would be fitted to the earlier size.
+    clearTimeout(timer.current);
     setBusy(true);
     try {
       const values = { photo: index, corners: near, rows: size[0], columns: size[1], exact: !snaps };
       const fitted = await ask<Proposal>("fit", values);
-      const corrected = size[0] === rows && size[1] === columns ? photograph.corrected : [];
-      const proposed = (corrected ?? []).reduce((now, cell) => withCode(now, ...cell), fitted);
-      onChange({ ...photograph, rows: size[0], columns: size[1], proposal: proposed, advice: "", corrected });
+      onChange((now) => refitted(now, ...size, fitted));
       if (fitted.advice) say(fitted.advice);
     } catch (error) {
       const advice = (error as Error).message;
       if (size[0] !== rows || size[1] !== columns) {
-        onChange({ ...photograph, rows: size[0], columns: size[1], proposal: null, advice });
+        onChange((now) => ({ ...now, rows: size[0], columns: size[1], proposal: null, advice }));
       }
       say(advice);
     }
@@ -92,7 +102,7 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
     if (dragged) release(dragged);
   };
   const cornerKeys = (event: KeyboardEvent, corner: number) => {
-    const step = STEPS[event.key] as Point | undefined;
+    const step = stepOf(event);
     if (!step || busy) return;
     event.preventDefault();
     const reach = (event.shiftKey ? 10 : 1) * Math.max(1, width / 1600);
@@ -102,9 +112,7 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
     timer.current = window.setTimeout(() => release(moved), PAUSE);
   };
   const setCode = (code: number) => {
-    if (!proposal) return;
-    const corrected = [...(photograph.corrected ?? []), [row, column, code] as const];
-    onChange({ ...photograph, proposal: withCode(proposal, row, column, code), corrected });
+    if (proposal) onChange((now) => corrected(now, row, column, code));
   };
   const code = proposal?.codes[row]?.[column] ?? 0;
   const turn = () => {
@@ -112,7 +120,7 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
     setCode(codes[(codes.indexOf(code) + codes.length - 1) % codes.length]);
   };
   const cellKeys = (event: KeyboardEvent) => {
-    const step = STEPS[event.key] as Point | undefined;
+    const step = stepOf(event);
     if (event.key.toLowerCase() === "r") return turn();
     if (!step) return;
     event.preventDefault();
@@ -212,26 +220,22 @@ export function PhotographView({ photograph, index, onChange, onCut, say }: Prop
       </section>
       <section class="panel side" aria-label="Corrections">
         <div class="bar">
-          <label class="size">
-            Rows{" "}
-            <input
-              type="number"
-              min="1"
-              max="40"
-              value={rows}
-              onChange={(event) => void fit(null, [Number(event.currentTarget.value), columns])}
-            />
-          </label>
-          <label class="size">
-            Columns{" "}
-            <input
-              type="number"
-              min="1"
-              max="40"
-              value={columns}
-              onChange={(event) => void fit(null, [rows, Number(event.currentTarget.value)])}
-            />
-          </label>
+          <WholeNumber
+            label="Rows"
+            value={rows}
+            least={1}
+            most={MOST_TILES}
+            onChange={(height) => void fit(null, [height, columns])}
+            say={say}
+          />
+          <WholeNumber
+            label="Columns"
+            value={columns}
+            least={1}
+            most={MOST_TILES}
+            onChange={(width) => void fit(null, [rows, width])}
+            say={say}
+          />
           <button type="button" disabled={busy} onClick={() => void fit(null)}>
             Find the tiles
           </button>

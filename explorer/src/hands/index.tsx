@@ -10,12 +10,13 @@ import type { Colour, MaskName } from "./masks";
 import { MaskView } from "./MaskView";
 import { PhotographView } from "./PhotographView";
 import {
+  allColoured,
   ask,
   askFile,
-  coloured,
   joined,
   tileOf,
   toSave,
+  type Photograph,
   type Proposal,
   type Saved,
   type Served,
@@ -41,15 +42,21 @@ function Page({ served }: { readonly served: Served }) {
   const [message, say] = useMessage();
   const [dark, onTheme] = useDark();
   const isUnsaved = work !== saved;
-  const asked = useRef(false);
+  /** The unsaved work that Finish has warned about. */
+  const warned = useRef<Work | null>(null);
 
   /** Changes what is there when the change comes, because answers of the command come later. */
   const change = useCallback(
     (make: (work: Work) => Work, step?: string) => setHistory((now) => advanced(now, make(now.present), step)),
     [],
   );
-  const replaceTile = (tile: Tile, step?: string) =>
-    change((now) => ({ ...now, tiles: now.tiles.map((other) => (other.id === tile.id ? tile : other)) }), step);
+  const changeTile = (id: string, make: (tile: Tile) => Tile, step?: string) =>
+    change((now) => ({ ...now, tiles: now.tiles.map((tile) => (tile.id === id ? make(tile) : tile)) }), step);
+  const changePhotograph = (number: number, make: (photograph: Photograph) => Photograph) =>
+    change((now) => ({
+      ...now,
+      photographs: now.photographs.map((other, index) => (index === number ? make(other) : other)),
+    }));
   useEffect(() => {
     const keys = (event: KeyboardEvent) => {
       const key = event.key.toLowerCase();
@@ -91,13 +98,11 @@ function Page({ served }: { readonly served: Served }) {
     });
   const colourAll = (mask: MaskName, colour: Colour) =>
     during(async () => {
-      const masked = new Map<string, Tile>();
-      for (const tile of work.tiles) {
-        const colours = { ...tile.colours, [mask]: colour };
-        const bits = await ask<string>("mask", { id: tile.id, mask, colours });
-        masked.set(tile.id, coloured(tile, mask, colour, bits));
+      const bits = new Map<string, string>();
+      for (const { id, colours } of work.tiles) {
+        bits.set(id, await ask<string>("mask", { id, mask, colours: { ...colours, [mask]: colour } }));
       }
-      change((now) => ({ ...now, tiles: now.tiles.map((tile) => masked.get(tile.id) ?? tile) }));
+      change((now) => ({ ...now, tiles: allColoured(now.tiles, mask, colour, bits) }));
       const others = work.tiles.filter(({ byColours }) => !byColours[mask]).length;
       if (others) say(`Masks that were not made from colours were replaced in ${others} tiles. Undo brings them back`);
     });
@@ -116,8 +121,8 @@ function Page({ served }: { readonly served: Served }) {
       say(`The set is in ${name}. ${served.folder} is as it was`);
     });
   const finish = () => {
-    if (isUnsaved && !asked.current) {
-      asked.current = true;
+    if (isUnsaved && warned.current !== work) {
+      warned.current = work;
       return say("There are changes that are not saved. Save them, or press Finish again");
     }
     void during(async () => {
@@ -209,12 +214,7 @@ function Page({ served }: { readonly served: Served }) {
             key={photograph}
             photograph={work.photographs[photograph]}
             index={photograph}
-            onChange={(next) =>
-              change((now) => ({
-                ...now,
-                photographs: now.photographs.map((other, index) => (index === photograph ? next : other)),
-              }))
-            }
+            onChange={(make) => changePhotograph(photograph, make)}
             onCut={(proposal) => void cut(proposal)}
             say={say}
           />
@@ -223,7 +223,7 @@ function Page({ served }: { readonly served: Served }) {
           <MaskView
             key={tile.id}
             tile={tile}
-            onChange={replaceTile}
+            onChange={(make, step) => changeTile(tile.id, make, step)}
             onColours={(mask, colour) => void colourAll(mask, colour)}
             say={say}
           />

@@ -1,8 +1,7 @@
 /** Masks of a tile, a byte of 0 or 1 for each pixel: their bits from and to the server, the brush, ranges of colours. */
 import { EAST, NORTH, SOUTH, WEST } from "../network/codes";
 
-export const MASKS = ["road", "red", "yellow"] as const;
-export type MaskName = (typeof MASKS)[number];
+export type MaskName = "road" | "red" | "yellow";
 export type Mask = Uint8Array;
 /** The pixels that the brush has set, 1, and cleared, -1. They stay when the colours change. */
 export type Strokes = Int8Array;

@@ -1,16 +1,6 @@
 /** What the page corrects, and the requests to the command that serves it. */
 import { KIND_OF } from "../network/codes";
-import {
-  MASKS,
-  pack,
-  painted,
-  unpack,
-  type Colour,
-  type Colours,
-  type Mask,
-  type MaskName,
-  type Strokes,
-} from "./masks";
+import { pack, painted, unpack, type Colour, type Colours, type Mask, type MaskName, type Strokes } from "./masks";
 import type { Point, View } from "./view";
 
 /** The values of `Proposal` in photographs/proposals.py that the page reads. */
@@ -112,6 +102,15 @@ export function coloured(tile: Tile, mask: MaskName, colour: Colour, bits: strin
   };
 }
 
+/** Returns the tiles with the masks that one colour proposes. `bits` has the masks by the ids of the tiles. */
+export const allColoured = (
+  tiles: readonly Tile[],
+  mask: MaskName,
+  colour: Colour,
+  bits: ReadonlyMap<string, string>,
+): readonly Tile[] =>
+  tiles.map((tile) => (bits.has(tile.id) ? coloured(tile, mask, colour, bits.get(tile.id)!) : tile));
+
 /** Returns the tiles and new ones. New tiles whose names are taken get the next name of their kind. */
 export function joined(tiles: readonly Tile[], fresh: readonly Tile[]): readonly Tile[] {
   const names = new Set(tiles.map(({ name }) => name));
@@ -143,6 +142,25 @@ export function withCode(proposal: Proposal, row: number, column: number, code: 
   return { ...proposal, codes: changed(proposal.codes, code), sure: changed(proposal.sure, 1) };
 }
 
+/** Returns the photograph with the code that the user sets in one cell. */
+export function corrected(photograph: Photograph, row: number, column: number, code: number): Photograph {
+  const { proposal, corrected: earlier = [] } = photograph;
+  if (!proposal) return photograph;
+  return {
+    ...photograph,
+    proposal: withCode(proposal, row, column, code),
+    corrected: [...earlier, [row, column, code]],
+  };
+}
+
+/** Returns the photograph with a new fit. The codes that the user has set stay if the size is the same. */
+export function refitted(photograph: Photograph, rows: number, columns: number, fit: Proposal): Photograph {
+  const isSameSize = rows === photograph.rows && columns === photograph.columns;
+  const kept = (isSameSize && photograph.corrected) || [];
+  const proposal = kept.reduce((now, cell) => withCode(now, ...cell), fit);
+  return { ...photograph, rows, columns, proposal, advice: "", corrected: kept };
+}
+
 /** Returns the cells that are cut: tiles of a sure kind. */
 export const sureCells = ({ codes, sure }: Proposal): number =>
   codes.flat().filter((code, cell) => code && sure.flat()[cell] >= SURE).length;
@@ -169,5 +187,3 @@ export const ask = async <T>(action: string, values?: unknown): Promise<T> =>
 
 export const askFile = async (action: string, values: unknown): Promise<Blob> =>
   await (await answered(action, values)).blob();
-
-export { MASKS };

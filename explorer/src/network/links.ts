@@ -4,16 +4,18 @@ import { CONNECTIONS, EAST, NORTH, SIDES, SOUTH, WEST, type Grid } from "./codes
 /** For each cell, the sides by which its tile is linked, as indices of `SIDES`: clockwise from north. */
 export type Links = readonly (readonly number[])[];
 
-export function linksOf({ height, width, codes }: Grid): Links {
-  return Array.from(codes, (code, cell) => {
-    const [row, column] = [Math.floor(cell / width), cell % width];
-    const isLinked = (side: (typeof SIDES)[number]): boolean => {
-      const [r, c] = [row + side.down, column + side.right];
-      const isInside = r >= 0 && r < height && c >= 0 && c < width;
-      return isInside && (code & side.bit) > 0 && (codes[r * width + c] & side.opposite) > 0;
-    };
-    return [0, 1, 2, 3].filter((side) => isLinked(SIDES[side]));
-  });
+/** Returns whether the neighbour on one side of a cell has a connection to the cell. */
+export function isReturned({ height, width, codes }: Grid, cell: number, side: (typeof SIDES)[number]): boolean {
+  const row = Math.floor(cell / width) + side.down;
+  const column = (cell % width) + side.right;
+  const isInside = row >= 0 && row < height && column >= 0 && column < width;
+  return isInside && (codes[row * width + column] & side.opposite) > 0;
+}
+
+export function linksOf(grid: Grid): Links {
+  const isLinked = (code: number, cell: number, side: number): boolean =>
+    (code & SIDES[side].bit) > 0 && isReturned(grid, cell, SIDES[side]);
+  return Array.from(grid.codes, (code, cell) => [0, 1, 2, 3].filter((side) => isLinked(code, cell, side)));
 }
 
 /** Returns the linked neighbours of each cell. */
@@ -35,10 +37,9 @@ export function neighboursOf({ height, width, codes }: Grid): number[][] {
 
 /** Returns the cells where roads end: they have one connection, or one that no neighbour returns. */
 export function roadEnds(grid: Grid): number[] {
-  const links = linksOf(grid);
   return [...grid.codes.keys()].filter((cell) => {
-    const connections = CONNECTIONS[grid.codes[cell]];
-    return connections === 1 || links[cell].length < connections;
+    const code = grid.codes[cell];
+    return CONNECTIONS[code] === 1 || SIDES.some((side) => code & side.bit && !isReturned(grid, cell, side));
   });
 }
 

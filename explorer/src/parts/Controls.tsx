@@ -71,6 +71,47 @@ export function Switch({ on, onChange, colour, count, title, children }: SwitchP
   );
 }
 
+interface WholeNumberProps {
+  readonly label: string;
+  readonly value: number;
+  readonly least: number;
+  readonly most: number;
+  readonly onChange: (value: number) => void;
+  readonly say: (message: string) => void;
+}
+
+/** A field for a whole number. It refuses any other entry in words, and shows its value again. */
+export function WholeNumber({ label, value, least, most, onChange, say }: WholeNumberProps) {
+  const enter = (input: HTMLInputElement) => {
+    const entered = wholeNumber(input.value, least, most);
+    if (entered !== null) return onChange(entered);
+    say(`Expected a whole number from ${least} to ${most}, got ${input.value || "none"}`);
+    input.value = `${value}`;
+  };
+  return (
+    <label class="size">
+      {label}{" "}
+      <input type="number" min={least} max={most} value={value} onChange={(event) => enter(event.currentTarget)} />
+    </label>
+  );
+}
+
+/** Returns the number that a text is, or null unless it is a whole number from `least` to `most`. */
+export function wholeNumber(text: string, least: number, most: number): number | null {
+  const value = text.trim() ? Number(text) : NaN;
+  return Number.isInteger(value) && value >= least && value <= most ? value : null;
+}
+
+const STEPS: Readonly<Record<string, readonly [right: number, down: number]>> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
+
+/** Returns the step of an arrow key, or null for any other key. */
+export const stepOf = ({ key }: KeyboardEvent): readonly [right: number, down: number] | null => STEPS[key] ?? null;
+
 export function toggled<T>(list: readonly T[], item: T, on: boolean): readonly T[] {
   return on ? [...list.filter((other) => other !== item), item] : list.filter((other) => other !== item);
 }

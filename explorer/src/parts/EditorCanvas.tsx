@@ -9,6 +9,7 @@ import { KIND_OF, type Grid } from "../network/codes";
 import { edgeOf } from "../network/objects";
 import { paintMap } from "../raster";
 import { fittedStyle, useFittedCanvas } from "./canvas";
+import { stepOf } from "./Controls";
 
 export const TILE_KEYS = "Arrow keys move, with Shift they draw, Enter sets a tile, Delete empties it.";
 export const OBJECT_KEYS =
@@ -17,12 +18,6 @@ export const OBJECT_KEYS =
 const LEAST_LATTICE = 3;
 /** The least side of a tile, in pixels of the page, at which rows and columns have names. */
 const LEAST_NAMED = 18;
-const STEPS: Readonly<Record<string, readonly [right: number, down: number]>> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, -1],
-  ArrowDown: [0, 1],
-};
 
 interface CanvasProps {
   readonly editor: Editor;
@@ -119,7 +114,7 @@ export function EditorCanvas({ editor, onEdit, tool, objectTool, tile, mends, fi
       onEdit(event.key.toLowerCase() === "y" || event.shiftKey ? redo(editor) : undo(editor));
       return;
     }
-    const step = STEPS[event.key] ?? null;
+    const step = stepOf(event);
     if (tool === "objects") objectTool.press(event, step);
     else if (step) {
       event.preventDefault();

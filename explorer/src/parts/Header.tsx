@@ -1,6 +1,6 @@
 /** The bar at the top: the choice of a run, the tabs of the views, the colours. */
 import { useShared } from "../context";
-import { VIEWS, VIEW_NAMES, type ViewName } from "../state";
+import { openRun, VIEWS, VIEW_NAMES, type ViewName } from "../state";
 import { Choice } from "./Controls";
 
 export function Header({ onTheme }: { readonly onTheme: () => void }) {
@@ -17,7 +17,7 @@ export function Header({ onTheme }: { readonly onTheme: () => void }) {
           label="Run"
           value={`${view.run}`}
           options={data.runs.map((one, index) => [`${index}`, one.name] as const)}
-          onChange={(index) => show({ run: Number(index), niche: null, map: null, where: {} })}
+          onChange={(index) => show(openRun(view, Number(index)))}
         />
       ) : (
         <span class="name">{data.title || run.name}</span>

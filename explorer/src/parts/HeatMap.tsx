@@ -3,7 +3,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { css, viridis } from "../colours";
 import { useShared } from "../context";
 import type { Run } from "../data";
-import { cellOf, nicheIn, targetRows, type Layout } from "../layout";
+import { cellOf, nicheIn, targetRowOf, type Layout } from "../layout";
 import { binName, binsOf, type Axis } from "../network/features";
 import { flagWords, nameOf, number, valueText } from "../words";
 import { useWidth } from "./canvas";
@@ -108,9 +108,9 @@ export function HeatMap({ run, layout, values, quantity, selected, elites, onCli
     const column = Math.min(Math.max(selectedColumn + by[1], 0), layout.columns - 1);
     const niche = nicheIn(run, layout, row, column);
     open(niche);
-    say(describe(run, niche, quantity, values[niche]), true);
+    say(describe(run, niche, quantity, values[niche], elites[niche]), true);
   };
-  const targeted = Object.keys(run.record).length ? targetRows(run, layout) : null;
+  const targetRow = Object.keys(run.record).length ? targetRowOf(run, layout) : null;
   return (
     <>
       <Legend
@@ -141,7 +141,7 @@ export function HeatMap({ run, layout, values, quantity, selected, elites, onCli
           tabIndex={0}
           role="application"
           aria-roledescription="heat map"
-          aria-label={`Archive, ${nameOf(quantity)} in ${layout.rows} rows of ${layout.columns} niches. ${describe(run, selected, quantity, values[selected])}`}
+          aria-label={`Archive, ${nameOf(quantity)} in ${layout.rows} rows of ${layout.columns} niches. ${describe(run, selected, quantity, values[selected], elites[selected])}`}
           onClick={(event) => {
             open(nicheUnder(event));
             onClick();
@@ -155,13 +155,13 @@ export function HeatMap({ run, layout, values, quantity, selected, elites, onCli
         />
         <svg class="marks" width={whole} height={high + head + FOOT} aria-hidden="true">
           <g transform={`translate(${gutter} ${head})`}>
-            {targeted && (
+            {targetRow !== null && (
               <rect
                 class="target"
                 x={-1}
-                y={targeted[0] * cellHeight - 1.5}
+                y={targetRow * cellHeight - 1.5}
                 width={cellWidth * layout.columns + 1}
-                height={(targeted[1] - targeted[0]) * cellHeight + 2}
+                height={cellHeight + 2}
               />
             )}
             <rect
@@ -175,13 +175,7 @@ export function HeatMap({ run, layout, values, quantity, selected, elites, onCli
         </svg>
         {hover && (
           <div class="tip" style={{ left: `${Math.min(hover.x + 14, width - 190)}px`, top: `${hover.y + 16}px` }}>
-            <b>
-              {Number.isNaN(values[hover.niche])
-                ? elites[hover.niche] >= 0
-                  ? "not known here"
-                  : "vacant"
-                : `${nameOf(quantity)} ${valueText(quantity, values[hover.niche])}`}
-            </b>
+            <b>{cellText(quantity, values[hover.niche], elites[hover.niche])}</b>
             {run.axes.map((axis, index) => (
               <span key={axis.metric}>
                 {nameOf(axis.metric)} {binName(axis, binsOf(run.axes, hover.niche)[index])}
@@ -193,17 +187,26 @@ export function HeatMap({ run, layout, values, quantity, selected, elites, onCli
           </div>
         )}
       </div>
-      {targeted && <p class="note">The frame marks the target niches of the search. All others are stepping stones.</p>}
+      {targetRow !== null && (
+        <p class="note">The frame marks the target niches of the search. All others are stepping stones.</p>
+      )}
     </>
   );
 }
 
-function describe(run: Run, niche: number, quantity: string, value: number): string {
+/** Returns the words for a value of a niche. Without one, they say whether the niche has an elite. */
+function cellText(quantity: string, value: number, elite: number): string {
+  if (Number.isNaN(value)) return elite >= 0 ? "Not known here" : "Vacant";
+  return `${nameOf(quantity)} ${valueText(quantity, value)}`;
+}
+
+/** Describes a niche for screen readers. */
+export function describe(run: Run, niche: number, quantity: string, value: number, elite: number): string {
   const bins = binsOf(run.axes, niche);
   const where = run.axes
     .map((axis, index) => `${nameOf(axis.metric)} ${flagWords(axis, bins[index]) ?? binName(axis, bins[index])}`)
     .join(", ");
-  return `${Number.isNaN(value) ? "Vacant" : `${nameOf(quantity)} ${valueText(quantity, value)}`}: ${where}`;
+  return `${cellText(quantity, value, elite)}: ${where}`;
 }
 
 function hatchOf(context: CanvasRenderingContext2D, ground: string, line: string): CanvasPattern {

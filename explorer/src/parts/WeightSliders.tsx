@@ -4,15 +4,25 @@ import { nameOf, number } from "../words";
 
 interface WeightProps {
   readonly weights: Weights;
+  /** The weights of the run. */
   readonly usual: Weights;
+  /** The weights of a search without `--weights`. */
+  readonly defaults: Weights;
   readonly metrics: ArrayLike<number>;
   /** Features beside the metrics that have a weight or may have one. */
   readonly town: Readonly<Record<string, number>>;
   readonly onWeights: (weights: Weights | null) => void;
 }
 
+/** Writes the weights as `--weights` takes them: the changed ones, and those of the run that are not the defaults. */
+export const weightsText = (names: readonly string[], weights: Weights, usual: Weights, defaults: Weights): string =>
+  names
+    .filter((name) => weights[name] !== usual[name] || weights[name] !== (defaults[name] ?? 0))
+    .map((name) => `${name}=${weights[name]}`)
+    .join(" ");
+
 /** The weights of the fitness as sliders, with what each adds. */
-export function WeightSliders({ weights, usual, metrics, town, onWeights }: WeightProps) {
+export function WeightSliders({ weights, usual, defaults, metrics, town, onWeights }: WeightProps) {
   const names = [...METRIC_NAMES, ...Object.keys(usual).filter((name) => name in town)].sort(
     (one, other) => +(usual[other] !== 0) - +(usual[one] !== 0),
   );
@@ -54,7 +64,7 @@ export function WeightSliders({ weights, usual, metrics, town, onWeights }: Weig
       </details>
       {changed.length > 0 && (
         <div class="bar">
-          <code class="where">--weights {changed.map((name) => `${name}=${weights[name]}`).join(" ")}</code>
+          <code class="where">--weights {weightsText(names, weights, usual, defaults)}</code>
           <button type="button" onClick={() => onWeights(null)}>
             Reset
           </button>

@@ -5,6 +5,7 @@ import { LookSwitches, OverlaySwitches, useBlend } from "../parts/Looks";
 import { framed, type Frame } from "../parts/canvas";
 import { MapPicture, pictureEdge } from "../parts/MapPicture";
 import { objectsOf, picturesOf } from "../record";
+import { openRun } from "../state";
 import { nameOf, valueText, WORDS } from "../words";
 
 /** Returns the smallest size that holds all sizes. */
@@ -65,10 +66,7 @@ export function Compare() {
                     {run.label(elite)}
                   </span>
                   <span class="buttons">
-                    <button
-                      type="button"
-                      onClick={() => show({ view: "archive", run: index, map: elite, niche: null })}
-                    >
+                    <button type="button" onClick={() => show({ view: "archive", ...openRun(view, index, elite) })}>
                       Open
                     </button>
                     <button type="button" onClick={() => draw(run.grid(elite), objectsOf(run, elite))}>

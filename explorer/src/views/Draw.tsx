@@ -8,7 +8,7 @@ import { FEATURES, isOurs } from "../network/features";
 import { toFix } from "../network/formats";
 import { fitness, measure, type Weights } from "../network/measure";
 import { measureTown } from "../network/town";
-import { Switch } from "../parts/Controls";
+import { Switch, WholeNumber } from "../parts/Controls";
 import { EditorCanvas, OBJECT_KEYS, TILE_KEYS } from "../parts/EditorCanvas";
 import { OverlaySwitches } from "../parts/Looks";
 import { Metrics } from "../parts/Metrics";
@@ -41,7 +41,7 @@ interface Props {
 }
 
 export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
-  const { run, say } = useShared();
+  const { data, run, say } = useShared();
   const [tool, setTool] = useState<Tool>("road");
   const [tile, setTile] = useState(15);
   const [mends, setMends] = useState(true);
@@ -61,19 +61,11 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
     [...run.features.keys()].map((name) => [name, town[name as keyof typeof town] ?? NaN]),
   );
   const unknown = others.filter((name) => !(name in town));
+  const isWhole = !unknown.some((name) => weights[name]);
+  // A sum that leaves features out is not the fitness.
+  const isFitness = run.usualFitness && isWhole;
   const total = fitness(metrics, weights, town);
   const change = total - fitness(before, weights, townBefore);
-
-  const resize = (side: "height" | "width", input: HTMLInputElement) => {
-    const length = Number(input.value);
-    if (Number.isInteger(length) && length >= 2 && length <= 1024) {
-      return onEdit(
-        done(editor, side === "height" ? resized(editor, length, grid.width) : resized(editor, grid.height, length)),
-      );
-    }
-    say(`Expected a whole number from 2 to 1024, got ${input.value || "none"}`);
-    input.value = `${grid[side]}`;
-  };
   return (
     <div class="split">
       <section class="panel" aria-label="Editor">
@@ -126,26 +118,22 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
           >
             Fill
           </Switch>
-          <label class="size">
-            Rows{" "}
-            <input
-              type="number"
-              min="2"
-              max="1024"
-              value={grid.height}
-              onChange={(event) => resize("height", event.currentTarget)}
-            />
-          </label>
-          <label class="size">
-            Columns{" "}
-            <input
-              type="number"
-              min="2"
-              max="1024"
-              value={grid.width}
-              onChange={(event) => resize("width", event.currentTarget)}
-            />
-          </label>
+          <WholeNumber
+            label="Rows"
+            value={grid.height}
+            least={2}
+            most={1024}
+            onChange={(height) => onEdit(done(editor, resized(editor, height, grid.width)))}
+            say={say}
+          />
+          <WholeNumber
+            label="Columns"
+            value={grid.width}
+            least={2}
+            most={1024}
+            onChange={(width) => onEdit(done(editor, resized(editor, grid.height, width)))}
+            say={say}
+          />
           <button type="button" onClick={() => onEdit(cleared(editor))}>
             Clear
           </button>
@@ -182,7 +170,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
             objects={objects}
             fields={() => ({
               metrics: metricFields(metrics, grid.codes.length),
-              ...(run.usualFitness && { fitness: total }),
+              ...(isFitness && { fitness: total }),
             })}
           >
             <button
@@ -198,7 +186,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
       </section>
       <section class="panel side" aria-label="What it measures">
         <div class="total" aria-live="polite">
-          <span>{run.usualFitness ? "Fitness" : "Weighted sum"}</span>
+          <span>{isFitness ? "Fitness" : "Weighted sum"}</span>
           <b>{number(total)}</b>
           {change !== 0 && (
             <em class={change < 0 ? "better" : "worse"}>
@@ -208,18 +196,26 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
         </div>
         {!run.usualFitness && (
           <p class="note">
-            The recorded fitness has other weights, or is a user's function. Only a search can compute it.
+            The recorded fitness adds a penalty of ranges, has other weights, or is a user's function. Only a search can
+            compute it.
           </p>
         )}
         {unknown.length > 0 && (
           <p class="note">
             {unknown.map(nameOf).join(", ")}: only a search can measure {unknown.length > 1 ? "them" : "it"}
-            {unknown.some((name) => weights[name]) && "; the sum here leaves it out"}.
+            {!isWhole && "; the sum here leaves it out"}.
           </p>
         )}
         <ShelfTable grid={grid} />
-        <WeightSliders weights={weights} metrics={metrics} town={town} usual={run.weights} onWeights={onWeights} />
-        <Metrics run={run} grid={grid} metrics={metrics} fitness={run.usualFitness ? total : NaN} features={features} />
+        <WeightSliders
+          weights={weights}
+          usual={run.weights}
+          defaults={data.defaultWeights}
+          metrics={metrics}
+          town={town}
+          onWeights={onWeights}
+        />
+        <Metrics run={run} grid={grid} metrics={metrics} fitness={isFitness ? total : NaN} features={features} />
       </section>
     </div>
   );

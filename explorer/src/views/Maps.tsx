@@ -36,10 +36,18 @@ export function within(run: Run, ranges: Ranges): Int32Array {
   return Int32Array.from(kept);
 }
 
+/** Writes the ranges that filter a run's maps as `--where` takes them. */
+export function filterText(run: Run, ranges: Ranges): string {
+  const filters = Object.entries(ranges).filter(([name]) => isOurs(name) && run.quantities.includes(name));
+  return whereText(Object.fromEntries(filters), unitOf);
+}
+
 export function Maps() {
   const { run, view, show, say } = useShared();
   const [shown, setShown] = useState(PAGE);
-  const [chosen, setChosen] = useState(false);
+  const [wantsChosen, setWantsChosen] = useState(false);
+  const hasOthers = run.maps.length > 0 && run.maps.length < run.count;
+  const chosen = wantsChosen && hasOthers;
   const detail = useRef<HTMLDivElement>(null);
   const sort = run.quantities.includes(view.sort) ? view.sort : "fitness";
   const among = useMemo(() => within(run, view.where), [run, view.where]);
@@ -55,7 +63,7 @@ export function Maps() {
   const open = view.map !== null && view.map < run.count ? view.map : (kept[0] ?? -1);
   const first = [...new Set([...run.axes.map((axis) => axis.metric), ...run.features.keys(), ...FIRST])];
   const rest = run.quantities.filter((name) => !first.includes(name));
-  const where = whereText(Object.fromEntries(Object.entries(view.where).filter(([name]) => isOurs(name))), unitOf);
+  const where = filterText(run, view.where);
   const unsaid = Object.keys(view.where).filter((name) => run.quantities.includes(name) && !isOurs(name));
   const copy = async () => {
     try {
@@ -103,11 +111,11 @@ export function Maps() {
           <Switch on={view.descending} onChange={(descending) => show({ descending })}>
             Descending
           </Switch>
-          {run.maps.length > 0 && run.maps.length < run.count && (
+          {hasOthers && (
             <Switch
               on={chosen}
               count={run.maps.length}
-              onChange={setChosen}
+              onChange={setWantsChosen}
               title="only maps that the run wrote to its folder"
             >
               Chosen
@@ -249,7 +257,9 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
   );
 }
 
-function histogram(values: Float64Array, least: number, most: number, step: number): number[] {
+/** Returns the number of values in each bar. A single value has no bars. */
+export function histogram(values: Float64Array, least: number, most: number, step: number): number[] {
+  if (least === most) return [];
   const bars = Array<number>(Math.floor((most - least) / step) + 1).fill(0);
   for (const value of values) if (!Number.isNaN(value)) bars[Math.floor((value - least) / step)]++;
   return bars;

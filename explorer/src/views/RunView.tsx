@@ -6,6 +6,7 @@ import { quantile, type Run } from "../data";
 import { Choice, quantityOptions, Segments } from "../parts/Controls";
 import { useWidth } from "../parts/canvas";
 import { History, type Series } from "../parts/History";
+import { openRun } from "../state";
 import { markText, nameOf, number, valueText } from "../words";
 
 export function RunView() {
@@ -58,7 +59,7 @@ export function RunView() {
               label="Run"
               value={`${view.run}`}
               options={data.runs.map((one, index) => [`${index}`, one.name] as const)}
-              onChange={(index) => show({ run: Number(index), niche: null, map: null })}
+              onChange={(index) => show(openRun(view, Number(index)))}
             />
           )}
         </div>
