@@ -226,7 +226,8 @@ def add_furnish(commands: Commands) -> None:
         nargs="+",
         metavar="WHAT",
         help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of "
-        "the cells without road, lights=0.5: a share of the crossings, and a file .toml, .json or .yaml with objects of your own",
+        "the cells without road, lights=0.5: a share of the crossings, and a file .toml, .json or "
+        ".yaml with objects of your own",
     )
     command.add_argument(
         "--unique-tags",
