@@ -1,4 +1,7 @@
-"""Names of cells and sizes of maps: letters and a number for people, an index in files and arrays."""
+"""Names of cells and sizes of maps.
+
+A cell is letters and a number for people, and an index in files and arrays.
+"""
 
 from collections.abc import Sequence
 

@@ -188,7 +188,7 @@ def yaml_fault(error: Exception) -> str:
 
 
 def brief(value: UserValue, limit: int = 80) -> str:
-    """Returns a large value as a message shows it: its first entries as `repr` has them, shortened."""
+    """Returns the first entries of a large value as a message shows them, shortened."""
     # YAML's aliases may unfold to a text longer than the memory. `reprlib` reads only the first
     # entries of each list and table.
     return shorten(reprlib.repr(value), limit)

@@ -23,9 +23,9 @@ def add_metrics(commands: Commands) -> None:
         "metrics",
         _metrics,
         help="list all metrics, or show one",
-        description="Lists all metrics, shares and features of a town that --where and --axes name, and "
-        "--weights all but shares, with known ranges on maps of 12 x 12 tiles; or shows one, with maps at "
-        "both ends of its range.",
+        description="Lists all metrics, shares and features of a town, with known ranges on maps of "
+        "12 x 12 tiles; or shows one, with maps at both ends of its range. --where and --axes take "
+        "all names, and --weights all but shares.",
     )
     command.add_argument(
         "name", nargs="?", type=checked_by(nonblank), metavar="NAME", help="what to show"

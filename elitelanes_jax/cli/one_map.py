@@ -97,7 +97,7 @@ def _render(options: argparse.Namespace) -> int:
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     out = options.out or _picture_folder(options.map)
     objects = options.objects and load_objects(options.objects)
-    # The faults that are announced below are those of the map as it is drawn.
+    # Faults are announced below. They are those of the map without its dead ends, as it is drawn.
     with naming(options.map):
         road_map = without_ends(road_map, options.dead_ends)
     warn_of_faults(str(options.map), road_map)

@@ -7,6 +7,7 @@ import json
 from importlib.metadata import version
 from typing import NamedTuple
 
+from elitelanes_jax._util.cells import describe_size
 from elitelanes_jax._util.errors import InputError, quote
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce_at_end
@@ -105,11 +106,9 @@ def _check_fixed_cells(spec: DatasetSpec) -> None:
     fix = spec.search.options.get("fix")
     if fix is None or spec.shapes == [fix.shape]:
         return
-    got = (
-        "{} x {}".format(*spec.shapes[0]) if len(spec.shapes) == 1 else f"{len(spec.shapes)} sizes"
-    )
-    rows, columns = fix.shape
-    raise InputError("fix", f"maps of the given cells' size, {rows} x {columns}", got)
+    sizes = spec.shapes
+    got = describe_size(sizes[0]) if len(sizes) == 1 else f"{len(sizes)} sizes"
+    raise InputError("fix", f"maps of the given cells' size, {describe_size(fix.shape)}", got)
 
 
 def _check_given(spec: DatasetSpec, given: GivenMaps, tiles: TileSet) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Int, Int8, Int32, Shaped
 
+from elitelanes_jax._util.cells import describe_size
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
@@ -267,7 +268,7 @@ def read_run(folder: Path) -> ShownRun:
     size = setting(run, "size")
     # Another size means that the files are not all of one run.
     if size is not None and size != list(run.grids.shape[1:]):
-        got = "{} x {}".format(*run.grids.shape[1:])
+        got = describe_size(run.grids.shape[1:])
         raise InputError(folder, f"maps of {shorten(json.dumps(size))}, as run.json says", got)
     return run
 
@@ -307,8 +308,8 @@ def _with_chosen(run: ShownRun, chosen: Sequence[tuple[str, RoadMap]]) -> ShownR
     maps = []
     for name, road_map in chosen:
         if road_map.codes.shape != run.grids.shape[1:]:
-            expected = "{} x {}".format(*run.grids.shape[1:])
-            got = "{} x {}".format(*road_map.codes.shape)
+            expected = describe_size(run.grids.shape[1:])
+            got = describe_size(road_map.codes.shape)
             raise InputError(
                 f"{run.name}/maps/{name}", f"a map of {expected}, as the archive's", got
             )

@@ -89,8 +89,8 @@ def evolve(
       fitness: your own fitness, where lower is better: a function that returns an integer scalar,
         at most 2**29 in size, or a float scalar. It takes any of these arguments by name:
         ``metrics``, the `Metrics` of a grid; ``features``, all features that the search measures,
-        by name, with shares and ratios in thousandths; ``grid``, int8 ``[H, W]``; and ``usual``, int32, the
-        weighted sum of features that is the fitness by default.
+        by name, with shares and ratios in thousandths; ``grid``, int8 ``[H, W]``; and ``usual``,
+        int32, the weighted sum of features that is the fitness by default.
         ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual fitness. Ranges in
         `where` add their penalty to it. A grid with a feature or a fitness that is out of range, or
         not a number, becomes no elite; the history counts these grids. A result without any elite

@@ -68,8 +68,8 @@ class SpecOptions(SearchOptions, total=False):
 class SearchSpec:
     """What a user asks of a search: the options that were given, each checked alone.
 
-    `large` has options for maps whose shorter side is 12 or more; they override the others, and those
-    that the style has for such maps. With None, such maps have no options of their own.
+    `large` has options for maps whose shorter side is 12 or more. They override the others, and
+    those that the style has for such maps. With None, such maps have no options of their own.
 
     Attributes:
       options: the checked values of the given options, by name.

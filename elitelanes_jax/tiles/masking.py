@@ -225,7 +225,7 @@ def mask_folder(
         image = read_image(file, problems)
         if image is None:
             continue
-        # Tape is told by its hue, which a grey picture does not have. Its masks are made by hand.
+        # Tape is recognised by its hue. A grey picture has no hue, so its masks are made by hand.
         is_grey = (image.pixels[image.opaque] == image.pixels[image.opaque][:, :1]).all()
         if is_grey and _names_to_propose(tile_folder, overwrite):
             problems.append(

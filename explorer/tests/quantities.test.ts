@@ -1,6 +1,7 @@
 /** Quantities that are not whole: how they are written, ranged and coloured. */
 import { expect, test } from "vitest";
 import { quantileOf, type Run } from "../src/data";
+import { binName } from "../src/network/features";
 import { describe } from "../src/parts/HeatMap";
 import { scaleOf } from "../src/parts/Legend";
 import { weightsText } from "../src/parts/WeightSliders";
@@ -16,6 +17,17 @@ test.each([
   [-0, "0"],
 ])("%d is written as %s", (value, text) => {
   expect(number(value)).toBe(text);
+});
+
+test.each([
+  ["turn_share", 100, 200, ["<30%", "30%", "40%+"]],
+  ["turns", 2, 4, ["≤5", "6–7", "8+"]],
+  ["mean_block", 1500, 3000, ["<4.5", "4.5", "6+"]],
+  ["components", 1, 1, ["1", "2", "3+"]],
+  ["straight_share", 250, 0, ["0%", "25%", "50%+"]],
+] as const)("the bins of %s, %d wide from %d, say which are open", (metric, width, start, names) => {
+  const axis = { metric, bins: 3, width, start, target: null };
+  expect([0, 1, 2].map((bin) => binName(axis, bin))).toEqual(names);
 });
 
 test.each([

@@ -23,7 +23,7 @@ const PARTS = [
 
 interface Props {
   readonly tile: Tile;
-  /** Changes the tile as it is then. Steps of one name that follow each other are undone together. */
+  /** Changes the latest tile, not the one that is drawn. Steps of one name in a row are undone together. */
   readonly onChange: (make: (tile: Tile) => Tile, step?: string) => void;
   readonly onColours: (mask: MaskName, colour: Colour) => void;
   readonly say: (text: string) => void;

@@ -28,7 +28,7 @@ const MOST_TILES = 40;
 interface Props {
   readonly photograph: Photograph;
   readonly index: number;
-  /** Changes the photograph as it is then. */
+  /** Changes the latest photograph, not the one that is drawn. */
   readonly onChange: (make: (photograph: Photograph) => Photograph) => void;
   readonly onCut: (proposal: Proposal) => void;
   readonly say: (text: string) => void;

@@ -66,14 +66,19 @@ export function nicheAt(axes: readonly Axis[], bins: readonly number[]): number 
   return axes.reduce((niche, axis, index) => niche * axis.bins + bins[index], 0);
 }
 
-/** Writes the range of a bin. Shares are in per cent. */
+/** Writes the values in a bin. Shares are in per cent. */
 export function binName(axis: Axis, bin: number): string {
+  const isWhole = unitOf(axis.metric) === 1;
+  const isPerCent = isShare(axis.metric);
+  const show = (value: number): string => {
+    if (isPerCent) return `${+((100 * value) / SHARE_UNIT).toFixed(1)}%`;
+    return isWhole ? `${value}` : `${+(value / SHARE_UNIT).toFixed(2)}`;
+  };
   const first = axis.start + bin * axis.width;
   const last = first + axis.width - 1;
-  const open = bin === axis.bins - 1;
-  if (unitOf(axis.metric) > 1 && !isShare(axis.metric)) return `${+(first / SHARE_UNIT).toFixed(2)}${open ? "+" : ""}`;
-  if (isShare(axis.metric))
-    return `${+((100 * first) / SHARE_UNIT).toFixed(1)}%${open && last < SHARE_UNIT - 1 ? "+" : ""}`;
-  if (open) return `${first}+`;
-  return first === last ? `${first}` : `${first}–${last}`;
+  // The first bin has all smaller values, and the last one all larger ones. Counts such as that of components start
+  // at 1, because every map has one.
+  if (bin === 0 && axis.start > 1) return isWhole ? `≤${last}` : `<${show(last + 1)}`;
+  if (bin === axis.bins - 1 && !(isPerCent && last >= SHARE_UNIT - 1)) return `${show(first)}+`;
+  return isWhole && first !== last ? `${first}–${last}` : show(first);
 }
